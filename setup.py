@@ -1,0 +1,101 @@
+"""Installs annik, by pip or by colcon."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+PACKAGE = "annik_ros"
+IMPORT_PACKAGES = ("annik_core", "annik_training", "annik_ros", "msg_tools")
+SHARED_FILES = {
+    "launch": "*.launch.py",
+    "config": "*.yaml",
+    "robots": "*.yaml",
+    "models": "*.onnx",
+}
+
+ROOT = Path(__file__).resolve().parent
+
+
+def version() -> str:
+    """Return the version in package.xml, the one place that defines it."""
+    found = ElementTree.parse(ROOT / "package.xml").findtext("version")
+    if found is None:
+        raise SystemExit("package.xml has no <version>")
+    return found
+
+
+def data_files() -> list[tuple[str, list[str]]]:
+    """Return what goes to share/, with paths relative to the root: colcon links them by name."""
+    shared = [
+        (
+            f"share/{PACKAGE}/{folder}",
+            sorted(str(path.relative_to(ROOT)) for path in (ROOT / folder).glob(pattern)),
+        )
+        for folder, pattern in SHARED_FILES.items()
+    ]
+    return [
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        *shared,
+    ]
+
+
+setup(
+    name=PACKAGE,
+    version=version(),
+    description="Learned inverse kinematics for ROS 2, from few examples",
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    maintainer="annik contributors",
+    maintainer_email="annik@users.noreply.github.com",
+    python_requires=">=3.10",
+    packages=find_packages(
+        include=[name for package in IMPORT_PACKAGES for name in (package, f"{package}.*")]
+    ),
+    package_data={"": ["py.typed"], "msg_tools": ["*.jinja"]},
+    data_files=data_files(),
+    # The libraries read stay with the lowest versions known to work: Ubuntu's ROS 2 Jazzy is built
+    # for numpy 1.26. constraints.txt holds the versions that ./run installs and tests.
+    install_requires=[
+        "click>=8.1",
+        "jinja2>=3.1",
+        "matplotlib>=3.6",
+        "mcap>=1.1",
+        "mcap-ros2-support>=0.5",
+        "numpy>=1.26",
+        "onnx>=1.16",
+        "onnxruntime>=1.18",
+        "pyyaml>=6.0",
+        "rich>=13.0",
+        "rosbags>=0.10",
+        "scipy>=1.11",
+    ],
+    extras_require={
+        "training": ["onnxscript>=0.2", "torch>=2.4"],
+        # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
+        "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
+        "dev": [
+            "colcon-common-extensions",
+            "hypothesis",
+            "mypy",
+            "pytest",
+            "pytest-cov",
+            "ruff",
+            # From 80 on, setuptools lacks the commands that colcon calls.
+            "setuptools<80",
+            "types-PyYAML",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            "annik = annik_training.cli:main",
+            "bag_recorder = msg_tools.bag_recorder:main",
+            "fake_robot = annik_ros.fake_robot_node:main",
+            "ik_node = annik_ros.ik_node:main",
+            "target_publisher = annik_ros.target_publisher:main",
+        ]
+    },
+    zip_safe=False,
+)
