@@ -1,0 +1,216 @@
+"""The paper's robot: three translations and three rotations, each through a linear transmission.
+
+Equations (1)-(4): every task coordinate is a drive angle times a transmission ratio plus an
+offset. Orientation is roll, pitch, yaw (the paper's psi, theta, phi).
+
+At a pitch of +-90 degrees, an edge of the paper's workspace, only the difference (or the sum) of
+roll and yaw turns the end effector: the drives of roll and yaw may move together without the pose
+changing, and no function of the pose alone can be continuous there. :class:`GantryWorkspace` then
+keeps roll and yaw as close as possible to those of the previous command, or, if there is none, to
+the middle of the workspace. It says so to the network by a pose tilted a tenth of a micro-radian
+away from the edge, where roll and yaw are unique again.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from annik_core.errors import InvalidRobotDefinition
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
+from annik_core.robot import ForwardKinematics, ResolvedTarget, Robot, check_joint_count
+
+TASK_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+#: Rounding allowance at the faces of the workspace [m or rad].
+EDGE_TOLERANCE = 1e-6
+#: Closer than this to a pitch of +-90 degrees, roll and yaw are taken as not unique [rad]: a
+#: quaternion rounded to single precision says no more of them there.
+GIMBAL_TOLERANCE = 1e-5
+#: How far from +-90 degrees the pose given to the network then is at least [rad]; the exported
+#: graph still tells roll and yaw apart at a tenth of it.
+GIMBAL_TILT = 1e-7
+
+_HALF_PI = 0.5 * np.pi
+_PITCH = 4
+
+
+@dataclass(frozen=True, eq=False)
+class GantryKinematics(ForwardKinematics):
+    """Direct and inverse kinematics of the gantry, eq. (1)-(4).
+
+    Attributes:
+        joint_names: the six drives, in the order of :data:`TASK_COORDINATES`.
+        ratio: ``(6,)`` task coordinate per drive angle; [m/rad] and [rad/rad].
+        offset: ``(6,)`` task coordinates at drive angle zero; [m] and [rad].
+    """
+
+    joint_names: tuple[str, ...]
+    ratio: FloatArray
+    offset: FloatArray
+
+    def task_coordinates(self, joint_positions: FloatArray) -> FloatArray:
+        """``(n, 6)`` x, y, z [m], roll, pitch, yaw [rad] for drive angles ``(n, 6)``: eq. (1)-(2).
+
+        Raises:
+            WrongJointCount: if the array is not ``(n, 6)``.
+        """
+        check_joint_count(joint_positions, self.joint_names)
+        return joint_positions * self.ratio + self.offset
+
+    def joint_positions(self, task_coordinates: FloatArray) -> FloatArray:
+        """Drive angles ``(n, 6)`` [rad] for task coordinates ``(n, 6)``: eq. (3)-(4)."""
+        return (task_coordinates - self.offset) / self.ratio
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """End-effector poses ``(n, 7)``; see :class:`annik_core.robot.ForwardKinematics`."""
+        task = self.task_coordinates(joint_positions)
+        return pose_from_roll_pitch_yaw(task[:, :3], task[:, 3:])
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """Geometric Jacobians ``(n, 6, 6)``; see :class:`annik_core.robot.ForwardKinematics`."""
+        task = self.task_coordinates(joint_positions)
+        pitch, yaw = task[:, 4], task[:, 5]
+        jacobians = np.zeros((len(task), 6, 6))
+        jacobians[:, :3, :3] = np.diag(self.ratio[:3])
+        # The roll axis is x turned by pitch and yaw, the pitch axis is y turned by yaw.
+        jacobians[:, 3, 3] = np.cos(yaw) * np.cos(pitch) * self.ratio[3]
+        jacobians[:, 4, 3] = np.sin(yaw) * np.cos(pitch) * self.ratio[3]
+        jacobians[:, 5, 3] = -np.sin(pitch) * self.ratio[3]
+        jacobians[:, 3, 4] = -np.sin(yaw) * self.ratio[4]
+        jacobians[:, 4, 4] = np.cos(yaw) * self.ratio[4]
+        jacobians[:, 5, 5] = self.ratio[5]
+        return jacobians
+
+
+@dataclass(frozen=True, eq=False)
+class GantryWorkspace:
+    """The box of task coordinates that the working joint box reaches.
+
+    Attributes:
+        kinematics: the gantry's.
+        lower: ``(6,)`` least x, y, z [m], roll, pitch, yaw [rad].
+        upper: ``(6,)`` greatest.
+    """
+
+    kinematics: GantryKinematics
+    lower: FloatArray
+    upper: FloatArray
+
+    def resolve(self, pose: FloatArray, previous: FloatArray | None) -> ResolvedTarget:
+        """See :meth:`annik_core.robot.Workspace.resolve`."""
+        with warnings.catch_warnings():
+            # SciPy warns of the very case that is handled below.
+            warnings.simplefilter("ignore", UserWarning)
+            roll_pitch_yaw = Rotation.from_quat(pose[3:]).as_euler("xyz")
+        if _HALF_PI - abs(roll_pitch_yaw[1]) < GIMBAL_TOLERANCE:
+            if previous is None:
+                reference = 0.5 * (self.lower[3:] + self.upper[3:])
+            else:
+                reference = self.kinematics.task_coordinates(previous[np.newaxis])[0, 3:]
+            roll_pitch_yaw = _tilted_off_the_edge(
+                roll_pitch_yaw, reference, self.lower[3:], self.upper[3:]
+            )
+            pose = pose_from_roll_pitch_yaw(pose[:3], roll_pitch_yaw)
+        return ResolvedTarget(pose, self._violation(np.concatenate([pose[:3], roll_pitch_yaw])))
+
+    def _violation(self, task: FloatArray) -> str | None:
+        outside = (task < self.lower - EDGE_TOLERANCE) | (task > self.upper + EDGE_TOLERANCE)
+        if not outside.any():
+            return None
+        axis = int(np.flatnonzero(outside)[0])
+        unit = "m" if axis < 3 else "rad"
+        return (
+            f"{TASK_COORDINATES[axis]} is {task[axis]:.6g} {unit}, the workspace is "
+            f"[{self.lower[axis]:.6g}, {self.upper[axis]:.6g}] {unit}"
+        )
+
+
+def _tilted_off_the_edge(
+    roll_pitch_yaw: FloatArray, reference: FloatArray, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """The equivalent roll and yaw nearest the reference, with the pitch just off +-90 degrees.
+
+    If some equivalent roll and yaw are between ``lower`` and ``upper``, the nearest of these.
+    """
+    roll, pitch, yaw = roll_pitch_yaw
+    side = 1.0 if pitch > 0 else -1.0
+    # At the edge only this combination turns the end effector; it is known up to full turns.
+    combined = yaw - side * roll
+    wanted = reference[2] - side * reference[0]
+    combined += 2 * np.pi * np.round((wanted - combined) / (2 * np.pi))
+    correction = 0.5 * (combined - wanted)
+    nearest_roll = reference[0] - side * correction
+    # The rolls that keep both angles inside, yaw being combined + side * roll.
+    yaw_bounds = sorted((side * (lower[2] - combined), side * (upper[2] - combined)))
+    least, greatest = max(lower[0], yaw_bounds[0]), min(upper[0], yaw_bounds[1])
+    if least <= greatest + EDGE_TOLERANCE:
+        nearest_roll = min(max(nearest_roll, least), greatest)
+    tilted = min(abs(pitch), _HALF_PI - GIMBAL_TILT)
+    return np.array([nearest_roll, side * tilted, combined + side * nearest_roll])
+
+
+def gantry_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
+    """The gantry that a definition describes.
+
+    Args:
+        definition: ``name``, ``base_frame``, ``end_effector_frame`` and ``joints``, a list of six
+            in the order of :data:`TASK_COORDINATES`, each with ``name``, ``limits``, ``box``
+            (pairs, drive angle [rad]), ``ratio`` and ``offset``.
+        source: what to call the definition in an error.
+
+    Raises:
+        InvalidRobotDefinition: naming what is missing or wrong.
+    """
+    try:
+        joints = list(definition["joints"])
+        names = tuple(str(joint["name"]) for joint in joints)
+        limits = np.array([joint["limits"] for joint in joints], dtype=np.float64)
+        box = np.array([joint["box"] for joint in joints], dtype=np.float64)
+        ratio = np.array([joint["ratio"] for joint in joints], dtype=np.float64)
+        offset = np.array([joint["offset"] for joint in joints], dtype=np.float64)
+        name = str(definition["name"])
+        base_frame = str(definition["base_frame"])
+        end_effector_frame = str(definition["end_effector_frame"])
+    except KeyError as error:
+        raise InvalidRobotDefinition(source, f"{error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise InvalidRobotDefinition(source, f"malformed: {error}") from error
+    if len(joints) != 6 or limits.shape != (6, 2) or box.shape != (6, 2):
+        raise InvalidRobotDefinition(
+            source, "a gantry has six joints, each with 'limits' and 'box' as [lower, upper]"
+        )
+    if len(set(names)) != len(names):
+        raise InvalidRobotDefinition(source, f"joint names are not unique: {', '.join(names)}")
+    if not (np.isfinite(ratio).all() and np.isfinite(offset).all() and (ratio != 0).all()):
+        raise InvalidRobotDefinition(source, "every ratio must be finite and not 0")
+    joint_limits = JointLimits.from_bounds(names, limits[:, 0], limits[:, 1])
+    joint_box = JointLimits.from_bounds(names, box[:, 0], box[:, 1])
+    if not (joint_limits.contains(joint_box.lower) and joint_limits.contains(joint_box.upper)):
+        raise InvalidRobotDefinition(source, "a joint's box is not inside its limits")
+    kinematics = GantryKinematics(names, ratio, offset)
+    corners = kinematics.task_coordinates(np.stack([joint_box.lower, joint_box.upper]))
+    workspace = GantryWorkspace(kinematics, corners.min(axis=0), corners.max(axis=0))
+    if max(abs(workspace.lower[_PITCH]), abs(workspace.upper[_PITCH])) > _HALF_PI + 1e-9:
+        raise InvalidRobotDefinition(
+            source, "the pitch leaves [-90, 90] degrees: beyond it roll and yaw are not unique"
+        )
+    return Robot(
+        name=name,
+        kind="gantry",
+        joint_names=names,
+        joint_types=("revolute",) * 6,
+        joint_limits=joint_limits,
+        joint_box=joint_box,
+        base_frame=base_frame,
+        end_effector_frame=end_effector_frame,
+        forward_kinematics=kinematics,
+        workspace=workspace,
+        definition=definition,
+    )

@@ -1,0 +1,63 @@
+"""What the solver answers: a value for every target, whether it was accepted or refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from annik_core.pose import FloatArray
+
+
+class IkStatus(Enum):
+    """Outcome of one target. Everything but ``SUCCESS`` is a refusal: nothing is commanded."""
+
+    SUCCESS = "success"
+    NOT_FINITE = "not finite"
+    NOT_UNIT_QUATERNION = "not a unit quaternion"
+    WRONG_FRAME = "wrong frame"
+    OUTSIDE_WORKSPACE = "outside workspace"
+    JOINT_LIMIT = "joint limit"
+    RESIDUAL_TOO_LARGE = "residual too large"
+    JOINT_STEP_TOO_LARGE = "joint step too large"
+    SOLVER_FAILED = "solver failed"
+
+
+@dataclass(frozen=True, eq=False)
+class IkResult:
+    """Answer to one target pose.
+
+    Attributes:
+        status: the outcome.
+        joint_positions: ``(dof,)`` [rad or m], in the order of the robot's joint names, or None if
+            the target was refused. Read-only.
+        position_residual: distance between the target and the pose that the forward kinematics
+            gives for exactly these joint positions [m]; NaN if it was refused before that.
+        orientation_residual: angle between the two orientations [rad]; NaN likewise.
+        newton_steps: refinement steps taken; 0 in network mode.
+        reason: one line saying why it was refused, with the value and the allowed range; empty on
+            success.
+    """
+
+    status: IkStatus
+    joint_positions: FloatArray | None
+    position_residual: float
+    orientation_residual: float
+    newton_steps: int
+    reason: str
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the joint positions may be commanded."""
+        return self.status is IkStatus.SUCCESS
+
+    @classmethod
+    def refused(
+        cls,
+        status: IkStatus,
+        reason: str,
+        position_residual: float = float("nan"),
+        orientation_residual: float = float("nan"),
+        newton_steps: int = 0,
+    ) -> IkResult:
+        """A refusal; it carries no joint positions."""
+        return cls(status, None, position_residual, orientation_residual, newton_steps, reason)

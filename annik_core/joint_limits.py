@@ -1,0 +1,76 @@
+"""Intervals of joint positions: the limits of the joints, and the box that examples come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from annik_core.errors import InvalidRobotDefinition
+from annik_core.pose import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """One closed interval per joint.
+
+    Attributes:
+        joint_names: the joints, in the order of the columns.
+        lower: ``(dof,)`` [rad or m].
+        upper: ``(dof,)`` [rad or m], nowhere below ``lower``. Equal bounds lock a joint.
+    """
+
+    joint_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+
+    @classmethod
+    def from_bounds(
+        cls, joint_names: Sequence[str], lower: ArrayLike, upper: ArrayLike
+    ) -> JointLimits:
+        """Limits from two arrays ``(dof,)``.
+
+        Raises:
+            InvalidRobotDefinition: if a bound is not finite or an interval is empty; names it.
+        """
+        low = np.array(lower, dtype=np.float64)
+        high = np.array(upper, dtype=np.float64)
+        names = tuple(joint_names)
+        if low.shape != (len(names),) or high.shape != (len(names),):
+            raise InvalidRobotDefinition(
+                "joint limits", f"{len(names)} joints but {low.size} lower, {high.size} upper bounds"
+            )
+        for name, low_bound, high_bound in zip(names, low, high, strict=True):
+            if not (np.isfinite(low_bound) and np.isfinite(high_bound)):
+                raise InvalidRobotDefinition(
+                    f"joint {name}", f"limits [{low_bound}, {high_bound}] are not finite"
+                )
+            if low_bound > high_bound:
+                raise InvalidRobotDefinition(
+                    f"joint {name}", f"lower limit {low_bound} is above upper limit {high_bound}"
+                )
+        low.flags.writeable = False
+        high.flags.writeable = False
+        return cls(names, low, high)
+
+    @property
+    def centre(self) -> FloatArray:
+        """``(dof,)``, the middle of each interval."""
+        return 0.5 * (self.lower + self.upper)
+
+    def contains(self, joint_positions: FloatArray) -> bool:
+        """Whether ``(dof,)`` or every row of ``(n, dof)`` is inside. NaN is not."""
+        return bool(((joint_positions >= self.lower) & (joint_positions <= self.upper)).all())
+
+    def violation(self, joint_positions: FloatArray) -> str | None:
+        """What is wrong with ``(dof,)``: the first joint outside and its interval, or None."""
+        if self.contains(joint_positions):
+            return None
+        outside = ~((joint_positions >= self.lower) & (joint_positions <= self.upper))
+        joint = int(np.flatnonzero(outside)[0])
+        return (
+            f"{self.joint_names[joint]} would be {joint_positions[joint]:.6g}, outside "
+            f"[{self.lower[joint]:.6g}, {self.upper[joint]:.6g}]"
+        )

@@ -1,0 +1,35 @@
+"""How far the robot is from where it was sent, and the arithmetic of the fake robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from annik_core.pose import FloatArray, pose_difference
+from annik_core.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingError:
+    """Target minus achieved, in the base frame.
+
+    Attributes:
+        position: ``(3,)`` [m].
+        orientation: ``(3,)`` rotation vector that turns the achieved orientation into the
+            target's [rad]; its norm is the angle.
+    """
+
+    position: FloatArray
+    orientation: FloatArray
+
+
+def achieved_pose(robot: Robot, joint_positions: FloatArray) -> FloatArray:
+    """Pose ``(7,)`` of the end effector at joint positions ``(dof,)`` [rad or m]."""
+    return robot.forward_kinematics.poses(joint_positions[np.newaxis])[0]
+
+
+def tracking_error(target: FloatArray, achieved: FloatArray) -> TrackingError:
+    """Error of an achieved pose ``(7,)`` against its target ``(7,)``, both checked poses."""
+    position, orientation = pose_difference(target, achieved)
+    return TrackingError(position, orientation)

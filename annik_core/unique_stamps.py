@@ -1,0 +1,22 @@
+"""Stamps that name one command each, whatever the clock does."""
+
+from __future__ import annotations
+
+
+class UniqueStamps:
+    """Gives out strictly increasing stamps that follow a clock.
+
+    Target, command and result are paired by their stamp, so two commands must never share one:
+    not when the clock is coarse, and not when it is set back, as simulated time is on a restart.
+    """
+
+    def __init__(self) -> None:
+        """Start with no stamp given out."""
+        self._last: int | None = None
+
+    def next(self, now: int) -> int:
+        """``now`` [ns], or one nanosecond after the last stamp if that is later."""
+        if self._last is not None and now <= self._last:
+            now = self._last + 1
+        self._last = now
+        return now

@@ -1,0 +1,80 @@
+"""Checks of poses and the difference between them. ROS-free."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from annik_core.errors import NonFiniteValue, NotUnitQuaternion, WrongShape
+from annik_core.pose import (
+    POSE_FIELDS,
+    checked_pose,
+    pose_difference,
+    pose_from_roll_pitch_yaw,
+)
+
+angles = st.lists(st.floats(-np.pi, np.pi), min_size=3, max_size=3)
+positions = st.lists(st.floats(-10, 10), min_size=3, max_size=3)
+IDENTITY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+@given(positions, angles)
+def test_a_unit_pose_comes_back_bit_for_bit(position: list[float], rpy: list[float]) -> None:
+    """What needs no correction gets none."""
+    once = checked_pose(pose_from_roll_pitch_yaw(position, rpy))
+    assert np.array_equal(checked_pose(once), once)
+
+
+@pytest.mark.parametrize("field", range(7))
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_number_that_is_not_finite_is_named(field: int, value: float) -> None:
+    """The error says which of the seven."""
+    pose = np.array(IDENTITY)
+    pose[field] = value
+    with pytest.raises(NonFiniteValue, match=POSE_FIELDS[field]):
+        checked_pose(pose)
+
+
+@pytest.mark.parametrize("norm", [0.0, 1e-300, 0.9, 0.9989, 1.0011, 2.0, 1e200])
+def test_a_quaternion_far_from_unit_norm_is_refused(norm: float) -> None:
+    """The zero quaternion is one of them."""
+    with pytest.raises(NotUnitQuaternion, match="norm is"):
+        checked_pose([0, 0, 0, norm, 0, 0, 0])
+
+
+@given(st.floats(0.9991, 1.0009), angles)
+def test_a_quaternion_near_unit_norm_is_normalised(scale: float, rpy: list[float]) -> None:
+    """Within a thousandth, the direction counts."""
+    pose = pose_from_roll_pitch_yaw([1, 2, 3], rpy)
+    scaled = np.concatenate([pose[:3], scale * pose[3:]])
+    assert checked_pose(scaled) == pytest.approx(pose, abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(6,), (8,), (1, 7), ()])
+def test_wrong_shape(shape: tuple[int, ...]) -> None:
+    """Seven numbers, no more, no less."""
+    with pytest.raises(WrongShape, match="7"):
+        checked_pose(np.zeros(shape))
+
+
+@given(positions, angles)
+def test_difference_of_a_pose_and_itself_is_zero(position: list[float], rpy: list[float]) -> None:
+    """Also with the quaternion negated, which is the same orientation."""
+    pose = pose_from_roll_pitch_yaw(position, rpy)
+    negated = np.concatenate([pose[:3], -pose[3:]])
+    for other in (pose, negated):
+        position_error, rotation = pose_difference(pose, other)
+        assert np.array_equal(position_error, np.zeros(3))
+        assert np.linalg.norm(rotation) < 1e-7
+
+
+@given(st.floats(-3.1, 3.1))
+def test_difference_is_the_rotation_that_is_missing(angle: float) -> None:
+    """A target turned about z by an angle is missed by that angle about z, in the base frame."""
+    start = pose_from_roll_pitch_yaw([0, 0, 0], [0.4, 0.0, 0.0])
+    target = pose_from_roll_pitch_yaw([0, 0, 0.5], [0.4, 0.0, angle])
+    position, rotation = pose_difference(target, start)
+    assert position == pytest.approx([0, 0, 0.5])
+    assert rotation == pytest.approx([0, 0, angle], abs=1e-9)
