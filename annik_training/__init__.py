@@ -1,0 +1,1 @@
+"""Offline training: designs of experiments, datasets, network, fit, evaluation, export."""

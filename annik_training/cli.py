@@ -1,0 +1,285 @@
+"""The ``annik`` command line. What a command needs is imported when it runs: ``--help`` is quick,
+and ``report`` works where torch is not installed.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from annik_core.atomic_write import write_files_atomically
+from annik_core.errors import AnnikError, DesignError
+from annik_core.version import VERSION
+
+if TYPE_CHECKING:
+    from annik_training.dataset import Dataset
+    from annik_training.evaluation import Evaluation
+    from annik_training.fit import Restart
+    from annik_training.train import TrainingResult
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+_PATH = click.Path(path_type=Path)
+
+_ROBOT = click.option(
+    "--robot", default="gantry", show_default=True, help="Packaged robot, or a definition (.yaml)."
+)
+_SEED = click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all randomness."
+)
+
+
+def _design_options(command: Any) -> Any:
+    for option in reversed(
+        (
+            click.option(
+                "--design",
+                default="thirty_phase",
+                show_default=True,
+                help="Design of experiments: thirty_phase or workspace_grid.",
+            ),
+            click.option("--steps", type=int, help="thirty_phase: steps j of each sweep."),
+            click.option(
+                "--paper-rows",
+                "keep_paper_rows",
+                is_flag=True,
+                help="thirty_phase: the rows as the paper counts them (104, 194).",
+            ),
+            click.option(
+                "--positions-per-axis", type=int, help="workspace_grid: positions on x, y and z."
+            ),
+            click.option(
+                "--orientation-levels",
+                type=int,
+                help="workspace_grid: fractions of roll, pitch and yaw.",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(VERSION, prog_name="annik")
+def cli() -> None:
+    """Learned inverse kinematics for ROS 2, from few examples."""
+
+
+@cli.command()
+@_ROBOT
+@_design_options
+@_SEED
+@click.option("--out", type=_FILE, help="Also compute the poses and save the dataset (.npz).")
+def design(robot: str, seed: int, out: Path | None, **choices: Any) -> None:
+    """Choose the joint positions of the examples."""
+    from annik_training.dataset import save_dataset
+
+    dataset = _computed_dataset(robot, seed, choices)
+    Console().print(
+        f"{dataset.design}: {len(dataset)} examples for {dataset.robot.name} "
+        f"({', '.join(dataset.robot.joint_names)})"
+    )
+    if out is not None:
+        save_dataset(dataset, out)
+        Console().print(f"wrote {out}")
+
+
+@cli.command()
+@_ROBOT
+@_design_options
+@_SEED
+@click.option(
+    "--dataset", "dataset_path", type=_FILE, help="Train on this dataset (.npz) instead."
+)
+@click.option(
+    "--hidden", default="20", show_default=True, help="Units of the hidden layers, such as 20,20."
+)
+@click.option("--restarts", type=int, default=6, show_default=True, help="Random starts to fit.")
+@click.option(
+    "--max-evaluations", type=int, default=80, show_default=True, help="Residuals per start."
+)
+@click.option("--out", type=_FILE, required=True, help="The model file to write (.onnx).")
+@click.option("--summary", type=_FILE, help="Also write what came out as JSON.")
+def train(
+    robot: str,
+    seed: int,
+    dataset_path: Path | None,
+    hidden: str,
+    restarts: int,
+    max_evaluations: int,
+    out: Path,
+    summary: Path | None,
+    **choices: Any,
+) -> None:
+    """Train a network on few examples and write it as a model file."""
+    from annik_training.dataset import load_dataset
+    from annik_training.fit import FitOptions
+    from annik_training.train import train as train_model
+
+    options = FitOptions(
+        hidden_units=_hidden_units(hidden),
+        restarts=restarts,
+        max_evaluations=max_evaluations,
+        seed=seed,
+    )
+    if dataset_path is not None:
+        dataset = load_dataset(dataset_path)
+    else:
+        dataset = _computed_dataset(robot, seed, choices)
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("fitting {task.fields[label]}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("starts, best held-out error {task.fields[best]}"),
+        TimeElapsedColumn(),
+        console=console,
+    ) as progress:
+        label = f"{dataset.robot.name} to {len(dataset)} examples"
+        task = progress.add_task("", total=restarts, label=label, best="-")
+        best = float("inf")
+
+        def on_restart(restart: Restart) -> None:
+            nonlocal best
+            best = min(best, restart.held_out_error)
+            progress.update(task, advance=1, best=f"{best:.1e}")
+
+        result = train_model(dataset, out, options, on_restart)
+    _print_training(result)
+    if summary is not None:
+        _write(summary, json.dumps(_training_summary(result), indent=2) + "\n")
+
+
+@cli.command()
+@click.argument("model", type=_FILE)
+@_SEED
+def evaluate(model: Path, seed: int) -> None:
+    """Measure a model file on fresh random poses of its robot's workspace."""
+    from annik_core.artifact import load_artifact
+    from annik_training.evaluation import evaluate as evaluate_network
+    from annik_training.train import evaluation_dataset
+
+    artifact = load_artifact(model)
+    evaluation = evaluate_network(
+        artifact.joint_positions, evaluation_dataset(artifact.robot, seed)
+    )
+    Console().print(_evaluation_table(evaluation, f"{model}: {artifact.robot.name}"))
+
+
+@cli.command()
+@click.argument("model", type=_FILE)
+def info(model: Path) -> None:
+    """Check a model file and print what it says of itself."""
+    from annik_core.artifact import load_artifact
+
+    artifact = load_artifact(model)
+    table = Table("entry", "value", title=str(model))
+    table.add_row("sha256", artifact.sha256)
+    for key, value in vars(artifact.metadata).items():
+        if key not in ("robot", "reference_poses", "reference_joint_positions"):
+            table.add_row(key, json.dumps(value))
+    Console().print(table)
+
+
+@cli.command()
+@click.argument("bag", type=_PATH)
+@click.option("--out", type=_PATH, help="Folder for the report; default: report/ in the bag.")
+@click.option("--namespace", help="Namespace of the robot, if the bag holds several.")
+def report(bag: Path, out: Path | None, namespace: str | None) -> None:
+    """Report the tracking error recorded in a bag: tables here, plots in report.html."""
+    from msg_tools.report import write_report
+    from msg_tools.report_table import print_report
+
+    folder = out or (bag if bag.is_dir() else bag.parent) / "report"
+    print_report(write_report(bag, folder, namespace))
+    click.echo(f"report: {folder / 'report.html'}")
+
+
+def _computed_dataset(robot_name: str, seed: int, choices: dict[str, Any]) -> Dataset:
+    from annik_core.robot_library import load_robot
+    from annik_training.dataset import compute_dataset
+    from annik_training.design_registry import find_design
+
+    chosen = find_design(choices.pop("design"))
+    given = {option: value for option, value in choices.items() if value not in (None, False)}
+    size = given.pop(chosen.size_option, None)
+    if size is None:
+        flag = chosen.size_option.replace("_", "-")
+        raise DesignError(f"design {chosen.name} needs --{flag}: {chosen.size_means}")
+    return compute_dataset(load_robot(robot_name), chosen.name, size, seed, given)
+
+
+def _hidden_units(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not a list of numbers like 20,20") from error
+
+
+def _print_training(result: TrainingResult) -> None:
+    fitted = result.fitted
+    Console().print(
+        f"{len(fitted.dataset)} examples ({fitted.held_out_examples} held out to choose among "
+        f"{len(fitted.restarts)} starts), {fitted.seconds:.1f} s"
+    )
+    Console().print(_evaluation_table(result.evaluation, str(result.path)))
+
+
+def _evaluation_table(evaluation: Evaluation, title: str) -> Table:
+    import numpy as np
+
+    position, orientation = evaluation.position_error, evaluation.orientation_error
+    columns = ("rms", "p50", "p95", "p99", "max")
+    table = Table("error", *columns, title=title, caption=f"{evaluation.examples} random poses")
+    table.add_row(
+        "position [mm]", *(f"{1e3 * getattr(position, column):.5f}" for column in columns)
+    )
+    table.add_row(
+        "orientation [deg]",
+        *(f"{np.degrees(getattr(orientation, column)):.6f}" for column in columns),
+    )
+    return table
+
+
+def _training_summary(result: TrainingResult) -> dict[str, Any]:
+    fitted = result.fitted
+    return {
+        "model": str(result.path),
+        "robot": fitted.dataset.robot.name,
+        "design": fitted.dataset.design,
+        "design_options": dict(fitted.dataset.design_options),
+        "examples": len(fitted.dataset),
+        "held_out_examples": fitted.held_out_examples,
+        "seconds": fitted.seconds,
+        "seed": fitted.options.seed,
+        "winning_restart": fitted.winner,
+        "restarts": [vars(restart) for restart in fitted.restarts],
+        "evaluation": result.evaluation.as_plain_data(),
+    }
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_files_atomically(path.parent, {path.name: text.encode()})
+    except OSError as error:
+        raise AnnikError(f"{path} can't be written: {error.strerror}") from error
+
+
+def main() -> None:
+    """Run the command line; a fault that annik knows is one line and exit code 1."""
+    try:
+        cli(standalone_mode=True)
+    except AnnikError as error:
+        click.echo(f"annik: {error}", err=True)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""How good a network is: the forward kinematics of its answers against the poses asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from annik_core.pose import FloatArray, pose_difference
+from annik_training.dataset import Dataset
+
+PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
+
+
+@dataclass(frozen=True)
+class ErrorSummary:
+    """Distribution of an error, in the unit of what was summarised."""
+
+    rms: float
+    p50: float
+    p95: float
+    p99: float
+    max: float
+
+    @classmethod
+    def of(cls, errors: FloatArray) -> ErrorSummary:
+        """Summary of errors ``(n,)``."""
+        percentiles = {
+            name: float(np.percentile(errors, percent)) for name, percent in PERCENTILES.items()
+        }
+        return cls(rms=float(np.sqrt(np.mean(errors**2))), **percentiles)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of a network on a dataset it has not seen.
+
+    Attributes:
+        examples: how many poses.
+        seed: the seed that they were drawn from.
+        position_error: [m].
+        orientation_error: [rad].
+        outside_joint_limits: fraction of answers that a solver would refuse.
+    """
+
+    examples: int
+    seed: int
+    position_error: ErrorSummary
+    orientation_error: ErrorSummary
+    outside_joint_limits: float
+
+    def as_plain_data(self) -> dict[str, Any]:
+        """For a model's metadata; the units are in the names."""
+        return {
+            "examples": self.examples,
+            "seed": self.seed,
+            "position_error_m": vars(self.position_error),
+            "orientation_error_rad": vars(self.orientation_error),
+            "outside_joint_limits": self.outside_joint_limits,
+        }
+
+
+def evaluate(joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset) -> Evaluation:
+    """Evaluate a function from poses ``(n, 7)`` to joint positions ``(n, dof)``.
+
+    Args:
+        joint_positions: the network, as trained or as exported.
+        dataset: poses, usually random ones; each is resolved as the solver does without a
+            previous command. The joint positions that it holds are not looked at.
+    """
+    robot = dataset.robot
+    poses = np.array([robot.workspace.resolve(pose, None).pose for pose in dataset.poses])
+    answer = joint_positions(poses)
+    achieved = robot.forward_kinematics.poses(answer)
+    position, rotation = pose_difference(dataset.poses, achieved)
+    limits = robot.joint_limits
+    outside = ~((answer >= limits.lower) & (answer <= limits.upper)).all(axis=1)
+    return Evaluation(
+        examples=len(dataset),
+        seed=dataset.seed,
+        position_error=ErrorSummary.of(np.linalg.norm(position, axis=1)),
+        orientation_error=ErrorSummary.of(np.linalg.norm(rotation, axis=1)),
+        outside_joint_limits=float(outside.mean()),
+    )

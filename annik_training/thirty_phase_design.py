@@ -1,0 +1,123 @@
+"""The paper's design of experiments: 30 phases of joints swept alone and together, Table 1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+
+NAME = "thirty_phase"
+MAX_STEPS = 1000
+
+_MIN, _MED, _MAX = 0, 1, 2
+_BLOCK_SIZES = (2, 3, 4)
+
+
+class Phase(NamedTuple):
+    """Joints swept together over z = 0..j, eq. (5), while the others are held.
+
+    Attributes:
+        swept: indices of the joints that move.
+        held_at: where the others are, in halves of their range: 0 min, 1 median, 2 max.
+    """
+
+    swept: tuple[int, ...]
+    held_at: int
+
+
+def phases(dof: int) -> list[Phase]:
+    """The phases for a number of joints, in the order of Table 1; 30 of them for six joints.
+
+    - Each joint alone, the others at min, at median, at max: phases 1-18.
+    - The others at median: blocks of two, three and four neighbouring joints, the last block
+      moved back where the joints don't divide evenly, then all joints: phases 19-26.
+    - Every second joint, the first one included, the others at min, then at max; the same for the
+      remaining joints: phases 27-30.
+
+    With six joints this is Table 1 exactly. For other numbers it is our reading of the rule behind
+    it; with fewer than five joints a block that holds all joints is left out, since the phase with
+    all joints is there anyway.
+    """
+    joints = tuple(range(dof))
+    table = [Phase((joint,), held_at) for held_at in (_MIN, _MED, _MAX) for joint in joints]
+    for size in _BLOCK_SIZES:
+        if size < dof:
+            starts = [min(start, dof - size) for start in range(0, dof, size)]
+            table += [Phase(joints[start : start + size], _MED) for start in starts]
+    if dof > 1:
+        table.append(Phase(joints, _MED))
+        for half in (joints[0::2], joints[1::2]):
+            if len(half) > 1 or dof == 2:
+                table += [Phase(half, _MIN), Phase(half, _MAX)]
+    return table
+
+
+def thirty_phase_design(
+    box: JointLimits, steps: int, *, keep_paper_rows: bool = False
+) -> FloatArray:
+    """Joint positions of the paper's design.
+
+    Args:
+        box: the joint box; every joint sweeps all of its interval.
+        steps: j of eq. (6), the number of steps p of each sweep.
+        keep_paper_rows: keep the repeated rows that the paper keeps, and drop the end points that
+            it drops. This gives its 104 and 194 rows (Table 7) for j = 3 and 6, instead of the 102
+            and 179 distinct ones. Six joints only.
+
+    Returns:
+        ``(n, dof)`` in the order of Table 1; by default without repeated rows.
+
+    Raises:
+        InvalidDesignSize: if ``steps`` is out of range.
+        UnsupportedRobotForDesign: if the paper's rows are asked for other than six joints.
+    """
+    dof = len(box.joint_names)
+    if not 1 <= steps <= MAX_STEPS:
+        raise InvalidDesignSize(NAME, "steps", steps, 1, MAX_STEPS)
+    if keep_paper_rows:
+        if dof != 6:
+            raise UnsupportedRobotForDesign(NAME, f"with {dof} joints", "the paper's has six")
+        rows = np.concatenate(
+            [
+                _sweep(phase, dof, steps)[_paper_rows(number, steps)]
+                for number, phase in enumerate(phases(dof), start=1)
+            ]
+        )
+    else:
+        rows = np.concatenate([_sweep(phase, dof, steps) for phase in phases(dof)])
+        _, first = np.unique(rows, axis=0, return_index=True)
+        rows = rows[np.sort(first)]
+    # Rows count in half steps, as integers, so that equal rows are found exactly.
+    fraction = rows / (2.0 * steps)
+    return box.lower + fraction * (box.upper - box.lower)
+
+
+def _sweep(phase: Phase, dof: int, steps: int) -> NDArray[np.int64]:
+    rows = np.full((steps + 1, dof), phase.held_at * steps, dtype=np.int64)
+    rows[:, phase.swept] = 2 * np.arange(steps + 1)[:, np.newaxis]
+    return rows
+
+
+def _paper_rows(phase_number: int, steps: int) -> slice:
+    """Which of z = 0..j the paper's tables list for a phase, as its counts and rows show."""
+    without_first = {2, 3, 4, 5, 6, 26, 27, 29}
+    without_last = {13, 14, 15, 16, 17, 26, 28, 30}
+    return slice(
+        1 if phase_number in without_first else 0,
+        steps if phase_number in without_last else steps + 1,
+    )
+
+
+def describe_phases(dof: int) -> Iterator[str]:
+    """One line per phase, with joints counted from 1, for the documentation and the terminal."""
+    names = {_MIN: "min", _MED: "med", _MAX: "max"}
+    for number, phase in enumerate(phases(dof), start=1):
+        swept = ", ".join(f"q{joint + 1}" for joint in phase.swept)
+        others = "" if len(phase.swept) == dof else f", the others at {names[phase.held_at]}"
+        yield f"{number}: {swept} swept{others}"
