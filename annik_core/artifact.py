@@ -95,9 +95,7 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
     robot = _robot(metadata, file)
     session = make_session(content, file)
     _check_signature(session, robot, file)
-    artifact = ModelArtifact(
-        file, hashlib.sha256(content).hexdigest(), metadata, robot, session
-    )
+    artifact = ModelArtifact(file, hashlib.sha256(content).hexdigest(), metadata, robot, session)
     _check_references(artifact)
     if expected_robot is not None and robot.definition_hash != expected_robot.definition_hash:
         raise RobotMismatch(
@@ -123,7 +121,11 @@ def make_session(content: bytes, path: Path) -> onnxruntime.InferenceSession:
     options.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(
-            content, sess_options=options, providers=["CPUExecutionProvider"]
+            content,
+            sess_options=options,
+            providers=["CPUExecutionProvider"],
+            # Otherwise a file that fails is tried again, with a banner on standard output.
+            enable_fallback=0,
         )
     # onnxruntime's exceptions have no common base but Exception.
     except Exception as error:
@@ -193,9 +195,7 @@ def _robot(metadata: ArtifactMetadata, path: Path) -> Robot:
     return robot
 
 
-def _check_signature(
-    session: onnxruntime.InferenceSession, robot: Robot, path: Path
-) -> None:
+def _check_signature(session: onnxruntime.InferenceSession, robot: Robot, path: Path) -> None:
     expected = ([(INPUT_NAME, "tensor(double)", 7)], [(OUTPUT_NAME, "tensor(double)", robot.dof)])
     for what, found, wanted in zip(
         ("input", "output"), (session.get_inputs(), session.get_outputs()), expected, strict=True

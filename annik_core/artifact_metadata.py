@@ -141,7 +141,8 @@ def _entry(properties: Mapping[str, str], key: str, path: Path) -> Any:
         raise MissingArtifactMetadata(path, _PREFIX + key)
     try:
         return json.loads(text)
-    except json.JSONDecodeError as error:
+    # Text that is not JSON, or, in a damaged file, bytes that are not text.
+    except (ValueError, TypeError, RecursionError) as error:
         raise InvalidArtifactMetadata(path, key, f"not JSON: {error}") from error
 
 

@@ -40,7 +40,8 @@ class JointLimits:
         names = tuple(joint_names)
         if low.shape != (len(names),) or high.shape != (len(names),):
             raise InvalidRobotDefinition(
-                "joint limits", f"{len(names)} joints but {low.size} lower, {high.size} upper bounds"
+                "joint limits",
+                f"{len(names)} joints but {low.size} lower and {high.size} upper bounds",
             )
         for name, low_bound, high_bound in zip(names, low, high, strict=True):
             if not (np.isfinite(low_bound) and np.isfinite(high_bound)):

@@ -26,7 +26,8 @@ class TrackingError:
 
 def achieved_pose(robot: Robot, joint_positions: FloatArray) -> FloatArray:
     """Pose ``(7,)`` of the end effector at joint positions ``(dof,)`` [rad or m]."""
-    return robot.forward_kinematics.poses(joint_positions[np.newaxis])[0]
+    pose: FloatArray = robot.forward_kinematics.poses(joint_positions[np.newaxis])[0]
+    return pose
 
 
 def tracking_error(target: FloatArray, achieved: FloatArray) -> TrackingError:

@@ -1,5 +1,7 @@
-"""The ``annik`` command line. What a command needs is imported when it runs: ``--help`` is quick,
-and ``report`` works where torch is not installed.
+"""The ``annik`` command line.
+
+What a command needs is imported when it runs: ``--help`` is quick, and ``report`` works where
+torch is not installed.
 """
 
 from __future__ import annotations

@@ -55,7 +55,5 @@ def cross_validate(dataset: Dataset, folds: int, options: FitOptions) -> tuple[F
         network, restart = fit_once(
             dataset, poses, others, part, options, number, np.random.default_rng(start_seed)
         )
-        results.append(
-            Fold(network, restart.training_error, restart.held_out_error, len(part))
-        )
+        results.append(Fold(network, restart.training_error, restart.held_out_error, len(part)))
     return tuple(results)

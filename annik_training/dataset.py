@@ -94,9 +94,7 @@ def compute_dataset(
     """
     joint_positions = make_design(design, robot, size, seed, options)
     poses = robot.forward_kinematics.poses(joint_positions)
-    return Dataset(
-        robot, joint_positions, poses, design, {"size": size, **(options or {})}, seed
-    )
+    return Dataset(robot, joint_positions, poses, design, {"size": size, **(options or {})}, seed)
 
 
 def compute_random_dataset(robot: Robot, box: JointLimits, examples: int, seed: int) -> Dataset:

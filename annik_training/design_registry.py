@@ -36,9 +36,7 @@ class Design:
     make: Callable[..., FloatArray]
 
 
-def _thirty_phase(
-    robot: Robot, size: int, rng: np.random.Generator, **options: Any
-) -> FloatArray:
+def _thirty_phase(robot: Robot, size: int, rng: np.random.Generator, **options: Any) -> FloatArray:
     return thirty_phase_design.thirty_phase_design(robot.joint_box, size, **options)
 
 

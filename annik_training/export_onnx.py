@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +70,7 @@ def to_onnx(network: InverseKinematicsNetwork) -> onnx.ModelProto:
     """The ONNX graph of a network: input ``pose`` (n, 7), output ``joint_positions`` (n, dof)."""
     example = torch.tensor([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 2, dtype=torch.float64)
     network.eval()
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _quiet_exporter():
         # The exporter warns of its own deprecations, which no caller can act on.
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
@@ -92,6 +95,18 @@ def to_onnx(network: InverseKinematicsNetwork) -> onnx.ModelProto:
         del value.metadata_props[:]
     del model.graph.metadata_props[:]
     return model
+
+
+@contextmanager
+def _quiet_exporter() -> Iterator[None]:
+    """Keep the exporter from warning that torchvision, which annik does not use, is missing."""
+    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def prove_export(

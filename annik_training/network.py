@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -19,8 +20,7 @@ class HiddenLayers(nn.Module):
         super().__init__()
         sizes = [inputs, *units]
         self.layers = nn.ModuleList(
-            nn.Linear(before, after, dtype=torch.float64)
-            for before, after in zip(sizes[:-1], sizes[1:], strict=True)
+            nn.Linear(before, after, dtype=torch.float64) for before, after in pairwise(sizes)
         )
 
     def forward(self, scaled_inputs: Tensor) -> Tensor:

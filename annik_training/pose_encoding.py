@@ -106,4 +106,3 @@ class PositionRollPitchYaw(PoseEncoding):
         roll_yaw = torch.cat([half_sum - half_difference, half_sum + half_difference], dim=1)
         roll_yaw = roll_yaw - _TWO_PI * torch.round(roll_yaw / _TWO_PI)
         return torch.cat([poses[:, :3], roll_yaw[:, :1], pitch, roll_yaw[:, 1:]], dim=1)
-

@@ -68,9 +68,7 @@ class SeparableProblem:
         self._hidden = hidden
         self._shapes = {name: value.shape for name, value in hidden.named_parameters()}
         self._inputs = inputs
-        units = hidden.layers[-1].out_features
-        assert isinstance(units, int)
-        self._columns = units + 1
+        self._columns = ridge_rows(hidden)
         self._ridge_rows = ridge * torch.eye(self._columns, dtype=torch.float64)
         padding = torch.zeros(self._columns, targets.shape[1], dtype=torch.float64)
         self._stacked_targets = torch.cat([targets, padding])
@@ -129,7 +127,7 @@ class SeparableProblem:
 
     def _named(self, weights: FloatArray) -> dict[str, Tensor]:
         sizes = [shape.numel() for shape in self._shapes.values()]
-        parts = torch.from_numpy(weights).split(sizes)
+        parts = torch.split(torch.from_numpy(weights), sizes)
         return {
             name: part.reshape(shape)
             for (name, shape), part in zip(self._shapes.items(), parts, strict=True)
@@ -177,13 +175,16 @@ def fit_separable(
     )
     problem.assign(solution.x)
     weight, bias = problem.output_layer(solution.x)
-    return SeparableFit(
-        weight, bias, problem.mean_square_error(solution.x), int(solution.nfev)
-    )
+    return SeparableFit(weight, bias, problem.mean_square_error(solution.x), int(solution.nfev))
 
 
 def ridge_rows(hidden: HiddenLayers) -> int:
-    """How many rows the ridge adds per output: one per unit of the last layer, one for the bias."""
+    """Rows that the ridge adds per output: one per unit of the last layer, one for the bias."""
+    return last_units(hidden) + 1
+
+
+def last_units(hidden: HiddenLayers) -> int:
+    """Units of the last hidden layer."""
     units = hidden.layers[-1].out_features
     assert isinstance(units, int)
-    return units + 1
+    return units

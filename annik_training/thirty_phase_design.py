@@ -53,7 +53,7 @@ def phases(dof: int) -> list[Phase]:
     if dof > 1:
         table.append(Phase(joints, _MED))
         for half in (joints[0::2], joints[1::2]):
-            if len(half) > 1 or dof == 2:
+            if len(half) > 1:
                 table += [Phase(half, _MIN), Phase(half, _MAX)]
     return table
 

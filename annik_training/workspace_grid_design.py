@@ -1,4 +1,4 @@
-"""The paper's "known method": a regular grid of poses in the workspace, and its joint positions."""
+"""The paper's "known method": a regular grid of poses, and the joint positions that reach it."""
 
 from __future__ import annotations
 

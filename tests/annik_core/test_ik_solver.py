@@ -43,9 +43,7 @@ def packaged() -> IkSolver:
     return IkSolver.from_file(default_model_path())
 
 
-def solver(
-    robot: Robot, answer: Callable[[FloatArray], FloatArray], **limits: float
-) -> IkSolver:
+def solver(robot: Robot, answer: Callable[[FloatArray], FloatArray], **limits: float) -> IkSolver:
     """A solver on a stand-in network."""
     return IkSolver(StandInNetwork(robot, answer), AcceptanceLimits(**limits))  # type: ignore[arg-type]
 

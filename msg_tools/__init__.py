@@ -1,0 +1,1 @@
+"""Messages to numpy and back, bags, and the report of a bag."""

@@ -1,0 +1,56 @@
+"""Joint state messages as arrays in the robot's joint order, matched by name; and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import ArrayLike
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from annik_core.errors import MalformedJointState, MissingJoint, NonFiniteValue, WrongShape
+from annik_core.pose import FloatArray
+
+
+def joint_positions_from_message(message: JointState, joint_names: Sequence[str]) -> FloatArray:
+    """Joint positions ``(dof,)`` [rad or m] in the order of ``joint_names``.
+
+    The order of the message does not matter, and joints that are not in ``joint_names`` are
+    ignored, whatever their positions. Velocities and efforts are not read.
+
+    Raises:
+        MalformedJointState: if a name occurs twice, or there is not one position per name.
+        MissingJoint: if a joint is not in the message; names all that are missing.
+        NonFiniteValue: if a position is NaN or infinite; names the joint.
+    """
+    names = list(message.name)
+    if len(names) != len(message.position):
+        raise MalformedJointState(f"{len(names)} names but {len(message.position)} positions")
+    positions = dict(zip(names, message.position, strict=True))
+    if len(positions) != len(names):
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        raise MalformedJointState(f"joint {', '.join(repeated)} is named more than once")
+    missing = [name for name in joint_names if name not in positions]
+    if missing:
+        raise MissingJoint(missing, names)
+    for name in joint_names:
+        if not math.isfinite(positions[name]):
+            raise NonFiniteValue(f"position of {name}", float(positions[name]))
+    return np.array([float(positions[name]) for name in joint_names], dtype=np.float64)
+
+
+def joint_state_to_message(
+    joint_names: Sequence[str], joint_positions: ArrayLike, stamp: Time
+) -> JointState:
+    """The message of joint positions ``(dof,)`` [rad or m]; no velocities, no efforts.
+
+    Raises:
+        WrongShape: if there is not one position per name.
+    """
+    array = np.asarray(joint_positions, dtype=np.float64)
+    if array.shape != (len(joint_names),):
+        raise WrongShape("joint positions", array.shape, f"({len(joint_names)},), one per name")
+    return JointState(header=Header(stamp=stamp), name=list(joint_names), position=array.tolist())

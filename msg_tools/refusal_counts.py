@@ -1,0 +1,59 @@
+"""What an ik_node's diagnostics say about refused targets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+_REFUSED: Final = "targets refused"
+_REASON_PREFIX: Final = "refused: "
+
+
+@dataclass(frozen=True)
+class RefusalCounts:
+    """Counts of one ik_node since its start.
+
+    Attributes:
+        refused: refused targets.
+        reasons: refused targets by reason, most frequent first.
+    """
+
+    refused: int
+    reasons: dict[str, int] = field(default_factory=dict)
+
+
+def refusal_counts(diagnostics: Iterable[Any], namespace: str) -> RefusalCounts | None:
+    """The last counts that the ik_node of a namespace published.
+
+    Args:
+        diagnostics: ``diagnostic_msgs/msg/DiagnosticArray`` messages, in order of time.
+        namespace: with its leading slash; ``/`` is the root.
+
+    Returns:
+        None if there are none, or if it is not clear which of several nodes is meant.
+    """
+    last: dict[str, RefusalCounts] = {}
+    for array in diagnostics:
+        for status in array.status:
+            counts = _counts({entry.key: entry.value for entry in status.values})
+            if counts is not None:
+                last[status.name] = counts
+    if len(last) > 1 and namespace != "/":
+        name = namespace.strip("/")
+        last = {key: counts for key, counts in last.items() if name in key.strip("/").split("/")}
+    return next(iter(last.values())) if len(last) == 1 else None
+
+
+def _counts(values: dict[str, str]) -> RefusalCounts | None:
+    try:
+        refused = int(values[_REFUSED])
+        reasons = {
+            key.removeprefix(_REASON_PREFIX): int(value)
+            for key, value in values.items()
+            if key.startswith(_REASON_PREFIX)
+        }
+    except (KeyError, ValueError):
+        return None
+    ordered = sorted(reasons.items(), key=lambda reason: -reason[1])
+    return RefusalCounts(refused, {reason: count for reason, count in ordered if count > 0})

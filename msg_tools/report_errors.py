@@ -1,0 +1,51 @@
+"""What can keep a report from being made, besides an unreadable bag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from annik_core.errors import AnnikError, BagError
+
+
+class NamespaceError(BagError):
+    """It is not clear which robot of a bag is meant."""
+
+    def __init__(self, path: Path, problem: str, namespaces: Sequence[str]) -> None:
+        self.namespaces = tuple(namespaces)
+        super().__init__(path, problem)
+
+
+class AmbiguousNamespace(NamespaceError):
+    """Several namespaces of a bag hold a robot, and none was chosen."""
+
+    def __init__(self, path: Path, namespaces: Sequence[str]) -> None:
+        super().__init__(
+            path,
+            f"robots in several namespaces: {', '.join(namespaces)}; choose one as 'namespace'",
+            namespaces,
+        )
+
+
+class UnknownNamespace(NamespaceError):
+    """The chosen namespace holds no robot."""
+
+    def __init__(self, path: Path, namespace: str, namespaces: Sequence[str]) -> None:
+        self.namespace = namespace
+        there = ", ".join(namespaces) or "none"
+        super().__init__(
+            path,
+            f"no topic of annik in namespace {namespace}; namespaces with a robot: {there}",
+            namespaces,
+        )
+
+
+class ReportNotWritable(AnnikError):
+    """The report's files can't be written; those of an earlier report are untouched."""
+
+    def __init__(self, directory: Path, reason: str) -> None:
+        self.directory = directory
+        super().__init__(
+            f"report {directory}: can't be written ({reason}); "
+            "check the folder, its permissions and free space"
+        )

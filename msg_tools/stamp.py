@@ -1,0 +1,35 @@
+"""ROS stamps as nanoseconds and back."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+
+from annik_core.errors import ConversionError
+
+_NANOSECONDS_PER_SECOND = 1_000_000_000
+_SECONDS_RANGE = (-(2**31), 2**31 - 1)
+
+
+class StampOutOfRange(ConversionError):
+    """A time is too far from the epoch for a ROS stamp, whose seconds have 32 bits."""
+
+    def __init__(self, nanoseconds: int) -> None:
+        self.nanoseconds = nanoseconds
+        super().__init__(f"{nanoseconds} ns since the epoch does not fit into a ROS stamp")
+
+
+def stamp_from_message(message: Time) -> int:
+    """Time since the epoch of the clock that made the stamp [ns]."""
+    return int(message.sec) * _NANOSECONDS_PER_SECOND + int(message.nanosec)
+
+
+def stamp_to_message(nanoseconds: int) -> Time:
+    """The stamp of a time since the epoch [ns]; exact, so that stamps can be compared.
+
+    Raises:
+        StampOutOfRange: if the seconds do not fit into 32 bits.
+    """
+    seconds, remainder = divmod(int(nanoseconds), _NANOSECONDS_PER_SECOND)
+    if not _SECONDS_RANGE[0] <= seconds <= _SECONDS_RANGE[1]:
+        raise StampOutOfRange(nanoseconds)
+    return Time(sec=seconds, nanosec=remainder)

@@ -1,0 +1,123 @@
+"""Serving targets one after the other. Needs no ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from annik_core.acceptance import AcceptanceLimits
+from annik_core.artifact import default_model_path
+from annik_core.errors import AnnikError, ArtifactError
+from annik_core.ik_result import IkStatus
+from annik_core.ik_server import IkServer
+from annik_core.ik_solver import IkSolver
+from annik_core.pose import pose_from_roll_pitch_yaw
+
+NEAR = pose_from_roll_pitch_yaw([0.30, 0.4, 0.6], [0.5, 0.4, 0.3])
+FAR = pose_from_roll_pitch_yaw([0.40, 0.4, 0.6], [0.5, 0.4, 0.3])
+
+
+@pytest.fixture
+def server() -> IkServer:
+    """The packaged model, with a clock that advances by one second at every look."""
+    ticks: Iterator[int] = count()
+    return IkServer(IkSolver.from_file(default_model_path()), clock=lambda: float(next(ticks)))
+
+
+def test_a_good_target_gives_a_command_with_the_checked_target(server: IkServer) -> None:
+    """The target's quaternion is normalised, the joint positions are the result's own."""
+    pose = NEAR.copy()
+    pose[3:] *= 1.0005
+    answer = server.answer(pose)
+    assert answer.result.accepted
+    assert answer.command is not None
+    assert answer.command.joint_positions is answer.result.joint_positions
+    np.testing.assert_allclose(answer.command.target, NEAR, rtol=1e-12)
+
+
+@pytest.mark.parametrize("frame_id", ["", "base_link"])
+def test_the_base_frame_may_be_named_or_left_out(server: IkServer, frame_id: str) -> None:
+    """Both mean the same."""
+    assert server.answer(NEAR, frame_id).command is not None
+
+
+@pytest.mark.parametrize("frame_id", ["tool0", "/base_link", "base_link ", "BASE_LINK"])
+def test_another_frame_is_refused_naming_both(server: IkServer, frame_id: str) -> None:
+    """Nothing is transformed, and nothing is guessed."""
+    answer = server.answer(NEAR, frame_id)
+    assert answer.command is None
+    assert answer.result.status is IkStatus.WRONG_FRAME
+    assert repr(frame_id) in answer.result.reason
+    assert "'base_link'" in answer.result.reason
+
+
+def test_the_joint_step_is_measured_from_the_last_accepted_command(server: IkServer) -> None:
+    """A refused target leaves no trace."""
+    server.replace_limits(AcceptanceLimits(max_joint_step=0.01))
+    assert server.answer(NEAR).result.accepted
+    assert server.answer(FAR).result.status is IkStatus.JOINT_STEP_TOO_LARGE
+    assert server.answer(FAR).result.status is IkStatus.JOINT_STEP_TOO_LARGE
+    assert server.answer(NEAR).result.accepted
+
+
+def test_limits_count_from_the_next_target_on(server: IkServer) -> None:
+    """The model stays."""
+    artifact = server.solver.artifact
+    server.replace_limits(AcceptanceLimits(max_position_residual=1e-15))
+    assert server.answer(NEAR).result.status is IkStatus.RESIDUAL_TOO_LARGE
+    server.replace_limits(AcceptanceLimits())
+    assert server.answer(NEAR).result.accepted
+    assert server.solver.artifact is artifact
+
+
+def test_answers_are_counted_and_timed(server: IkServer) -> None:
+    """By the clock that it was given."""
+    server.answer(NEAR)
+    server.answer(np.full(7, math.nan))
+    server.answer(NEAR, "camera")
+    summary = server.end_period()
+    assert summary.outcomes.received == 3
+    assert summary.outcomes.refused_by_reason == {"not finite": 1, "wrong frame": 1}
+    assert summary.solve_time_p50 == 1.0
+
+
+def test_an_error_of_the_solver_is_a_refusal(
+    server: IkServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One target that nobody foresaw does not end the service of the others."""
+
+    def fail(*_: object) -> None:
+        raise AnnikError("the unforeseen")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(IkSolver, "solve", fail)
+        result = server.answer(NEAR).result
+    assert result.status is IkStatus.SOLVER_FAILED
+    assert result.reason == "the unforeseen"
+    assert server.answer(NEAR).result.accepted
+
+
+def test_a_model_that_is_refused_changes_nothing(server: IkServer, tmp_path: Path) -> None:
+    """Not the model, and not what is remembered of the last command."""
+    before = server.solver
+    spoiled = tmp_path / "model.onnx"
+    spoiled.write_bytes(default_model_path().read_bytes()[:1000])
+    for path in (spoiled, tmp_path / "missing.onnx"):
+        with pytest.raises(ArtifactError):
+            server.load_model(path)
+    assert server.solver is before
+
+
+def test_a_model_of_the_same_robot_takes_over_with_the_same_limits(server: IkServer) -> None:
+    """And the joint step is still measured from the last command."""
+    server.replace_limits(AcceptanceLimits(max_joint_step=0.01))
+    assert server.answer(NEAR).result.accepted
+    before = server.solver.artifact
+    server.load_model(default_model_path())
+    assert server.solver.artifact is not before
+    assert server.answer(FAR).result.status is IkStatus.JOINT_STEP_TOO_LARGE
