@@ -91,7 +91,7 @@ setup(
     entry_points={
         "console_scripts": [
             "annik = annik_training.cli:main",
-            "bag_recorder = msg_tools.bag_recorder:main",
+            "bag_recorder = annik_ros.bag_recorder:main",
             "fake_robot = annik_ros.fake_robot_node:main",
             "ik_node = annik_ros.ik_node:main",
             "target_publisher = annik_ros.target_publisher:main",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,8 +86,8 @@ class IkSolver:
             return IkResult.refused(IkStatus.JOINT_LIMIT, violation)
         achieved = self.robot.forward_kinematics.poses(joint_positions[np.newaxis])[0]
         position, rotation = pose_difference(target, achieved)
-        position_residual = float(np.linalg.norm(position))
-        orientation_residual = float(np.linalg.norm(rotation))
+        position_residual = math.hypot(*position)
+        orientation_residual = math.hypot(*rotation)
         violation = residual_violation(position_residual, orientation_residual, self.limits)
         if violation is not None:
             return IkResult.refused(

@@ -104,7 +104,7 @@ def design(robot: str, seed: int, out: Path | None, **choices: Any) -> None:
 )
 @click.option("--restarts", type=int, default=6, show_default=True, help="Random starts to fit.")
 @click.option(
-    "--max-evaluations", type=int, default=80, show_default=True, help="Residuals per start."
+    "--max-evaluations", type=int, default=50, show_default=True, help="Residuals per start."
 )
 @click.option("--out", type=_FILE, required=True, help="The model file to write (.onnx).")
 @click.option("--summary", type=_FILE, help="Also write what came out as JSON.")

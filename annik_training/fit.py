@@ -44,7 +44,7 @@ class FitOptions:
     hidden_units: tuple[int, ...] = (20,)
     restarts: int = 6
     held_out_fraction: float = 0.15
-    max_evaluations: int = 80
+    max_evaluations: int = 50
     ridge: float = 1e-7
     seed: int = 0
 
@@ -179,9 +179,9 @@ def fit_once(
         number: which start this is.
         rng: what the start is drawn from.
     """
-    network = _untrained(dataset.robot, poses, options)
+    network = untrained_network(dataset.robot, poses, options)
     network.hidden.initialise(rng)
-    inputs, targets = _scaled(network, poses, dataset.joint_positions)
+    inputs, targets = scaled_examples(network, poses, dataset.joint_positions)
     with _one_thread():
         solution = fit_separable(
             network.hidden,
@@ -215,7 +215,16 @@ def network_poses(dataset: Dataset) -> FloatArray:
     )
 
 
-def _untrained(robot: Robot, poses: FloatArray, options: FitOptions) -> InverseKinematicsNetwork:
+def untrained_network(
+    robot: Robot, poses: FloatArray, options: FitOptions
+) -> InverseKinematicsNetwork:
+    """A network of the right size for a robot, scaled to its examples; its weights mean nothing.
+
+    Args:
+        robot: the robot; the outputs are scaled to its joint box.
+        poses: ``(n, 7)`` see :func:`network_poses`; the inputs are scaled to their features.
+        options: of these, the hidden units.
+    """
     workspace = robot.workspace
     assert isinstance(workspace, GantryWorkspace)
     encoding = PositionRollPitchYaw(0.5 * (workspace.lower[3:] + workspace.upper[3:]))
@@ -229,9 +238,10 @@ def _untrained(robot: Robot, poses: FloatArray, options: FitOptions) -> InverseK
     )
 
 
-def _scaled(
+def scaled_examples(
     network: InverseKinematicsNetwork, poses: FloatArray, joint_positions: FloatArray
 ) -> tuple[Tensor, Tensor]:
+    """Inputs ``(n, features)`` and targets ``(n, dof)`` of a network's layers, scaled."""
     with torch.no_grad():
         features = network.encoding(torch.from_numpy(poses))
         inputs: Tensor = network.feature_scaling.scale(features)

@@ -15,10 +15,16 @@ import torch
 from torch import Tensor, nn
 
 # As tensors, because the ONNX exporter stores a Python number beside a tensor in single precision.
+_SMALLEST = torch.tensor(np.finfo(np.float64).tiny, dtype=torch.float64)
 _ONE = torch.tensor(1.0, dtype=torch.float64)
 _PI = torch.tensor(np.pi, dtype=torch.float64)
 _HALF_PI = torch.tensor(0.5 * np.pi, dtype=torch.float64)
 _TWO_PI = torch.tensor(2.0 * np.pi, dtype=torch.float64)
+# x, y, z, w to z - x, z + x, w + y, w - y; half sum, half difference to roll, yaw.
+_QUATERNION_PARTS = torch.tensor(
+    [[-1, 1, 0, 0], [0, 0, 1, -1], [1, 1, 0, 0], [0, 0, 1, 1]], dtype=torch.float64
+)
+_SUM_AND_DIFFERENCE = torch.tensor([[1, 1], [-1, 1]], dtype=torch.float64)
 
 
 def arctangent2(sine: Tensor, cosine: Tensor) -> Tensor:
@@ -33,7 +39,7 @@ def arctangent2(sine: Tensor, cosine: Tensor) -> Tensor:
         cosine: same shape.
     """
     radius = torch.sqrt(sine * sine + cosine * cosine)
-    safe_radius = torch.where(radius > 0.0, radius, torch.ones_like(radius))
+    safe_radius = torch.maximum(radius, _SMALLEST)
     # atan(y / x) = 2 atan(y / (r + x)), which stays away from the pole for x >= 0.
     ratio = sine / (safe_radius + torch.abs(cosine))
     acute = 2.0 * torch.atan(ratio.to(torch.float32)).to(torch.float64)
@@ -86,14 +92,14 @@ class PositionRollPitchYaw(PoseEncoding):
 
     def forward(self, poses: Tensor) -> Tensor:
         """x, y, z, roll, pitch, yaw ``(n, 6)`` of poses ``(n, 7)``."""
-        x, y, z, w = poses[:, 3], poses[:, 4], poses[:, 5], poses[:, 6]
-        sines = torch.stack([z - x, z + x], dim=1)
-        cosines = torch.stack([w + y, w - y], dim=1)
-        # Of the quaternion and its negative, take the one with w + y >= 0.
-        sign = torch.where(cosines[:, :1] < 0.0, -_ONE, _ONE)
+        # z - x, z + x and w + y, w - y, in one product: few nodes make a quick graph.
+        parts = poses[:, 3:] @ _QUATERNION_PARTS
+        sines, cosines = parts[:, :2], parts[:, 2:]
         radii = torch.sqrt(sines * sines + cosines * cosines)
         from_edge, to_edge = radii[:, :1], radii[:, 1:]
-        # One call for the three angles: the graph is a third as large, and as much faster.
+        # Of the quaternion and its negative, take the one with w + y >= 0.
+        sign = torch.where(cosines[:, :1] < 0.0, -_ONE, _ONE)
+        # One call for the three angles, for the same reason.
         angles = arctangent2(
             torch.cat([sign * sines, to_edge], dim=1),
             torch.cat([sign * cosines, from_edge], dim=1),
@@ -103,6 +109,6 @@ class PositionRollPitchYaw(PoseEncoding):
         # to_edge is sqrt(2) sin(d / 2) at a distance of d from the edge.
         at_edge = to_edge < self.EDGE / np.sqrt(2.0)
         half_sum = torch.where(at_edge, 0.5 * (self.centre[0] + self.centre[2]), half_sum)
-        roll_yaw = torch.cat([half_sum - half_difference, half_sum + half_difference], dim=1)
+        roll_yaw = torch.cat([half_sum, half_difference], dim=1) @ _SUM_AND_DIFFERENCE
         roll_yaw = roll_yaw - _TWO_PI * torch.round(roll_yaw / _TWO_PI)
         return torch.cat([poses[:, :3], roll_yaw[:, :1], pitch, roll_yaw[:, 1:]], dim=1)

@@ -4,7 +4,7 @@ The network's last layer is linear, so for given hidden layers the best output w
 solution of a linear least-squares problem. Putting that solution in leaves a residual that depends
 on the hidden weights only: the variable projection of [Golub1973]_, with the Jacobian of
 [Kaufman1975]_, which drops a term of it that is orthogonal to the residual, so that the gradient
-of the sum of squares is exact. On the paper's robot it needs some 80 steps for what plain
+of the sum of squares is exact. On the paper's robot it needs some 50 steps for what plain
 Levenberg-Marquardt on all weights does not reach in 300; docs/training.md has the figures.
 
 With activations Phi ``(n, h + 1)`` (the last column being 1 for the output bias), targets Y

@@ -38,8 +38,6 @@ def forbidden(module: str) -> set[str]:
         return ROS | {"annik_ros"}
     if package == "msg_tools":
         above = TORCH | {"annik_training", "annik_ros"}
-        if name == "bag_recorder":
-            return above
         return above | ({"rclpy"} if name in CONVERSIONS else ROS)
     return TORCH | {"annik_training"}
 

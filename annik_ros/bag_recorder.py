@@ -1,7 +1,4 @@
-"""The ``bag_recorder`` node: records topics of annik, or any others, into a bag.
-
-The only module of msg_tools that imports rclpy.
-"""
+"""The node that records topics of annik, or any others, into a bag."""
 
 from __future__ import annotations
 
@@ -14,11 +11,10 @@ from pathlib import Path
 from typing import Final
 
 import rclpy
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -35,10 +31,14 @@ from rosbags.interfaces import (
     QosTime,
 )
 
-from annik_core.errors import BagNotWritable
+from annik_core.errors import AnnikError, BagNotWritable
+from annik_ros.declare_parameters import declare_parameters
+from annik_ros.parameters import BagRecorderParameters
 from msg_tools.bag_writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.message_types import is_known_type
 from msg_tools.topics import TOPICS
+
+NODE_NAME: Final = "bag_recorder"
 
 #: Messages that wait in a subscription while the disk is slow.
 QUEUE_DEPTH: Final = 1000
@@ -57,10 +57,10 @@ class BagRecorder(Node):
         """Create the bag and subscribe to what has a known type.
 
         Raises:
-            BagNotWritable: if the bag can't be created.
+            AnnikError: if a parameter is wrong or the bag can't be created.
         """
-        super().__init__("bag_recorder")
-        self._declare_parameters()
+        super().__init__(NODE_NAME)
+        options = declare_parameters(self, BagRecorderParameters)
         self.finished: Future[int] = Future()
         self._subscriptions_by_topic: dict[str, Subscription] = {}
         self._types: dict[str, str] = {}
@@ -68,11 +68,10 @@ class BagRecorder(Node):
         self._last_log_time = 0
         self._ready_at: float | None = None
         self._warned_of_waiting = False
-        names: Sequence[str] = self.get_parameter("topics").value
-        self._waiting = {self._resolved(name): _TYPES.get(name) for name in names}
-        self._duration: float = self.get_parameter("duration").value
-        output = self.get_parameter("output").value
-        self._writer = BagWriter(Path(output or f"annik_bag_{datetime.now():%Y-%m-%d_%H-%M-%S}"))
+        self._waiting = {self._resolved(name): _TYPES.get(name) for name in options.topics}
+        self._duration = options.duration
+        default_output = f"annik_bag_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+        self._writer = BagWriter(Path(options.output or default_output))
         # A steady clock, so that neither simulated time nor a set clock stops the flushing.
         self._timer = self.create_timer(
             FLUSH_INTERVAL, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -91,34 +90,6 @@ class BagRecorder(Node):
     def summary(self) -> str:
         """What was recorded, in one line."""
         return f"recorded {self._writer.message_count} messages to {self._writer.directory}"
-
-    def _declare_parameters(self) -> None:
-        self.declare_parameter(
-            "output",
-            "",
-            ParameterDescriptor(
-                description="folder of the bag, new or empty; "
-                "by default annik_bag_<date>_<time> in the working directory",
-                read_only=True,
-            ),
-        )
-        self.declare_parameter(
-            "topics",
-            list(_TYPES),
-            ParameterDescriptor(
-                description="topics to record, relative or absolute; by default all of annik's",
-                read_only=True,
-            ),
-        )
-        self.declare_parameter(
-            "duration",
-            0.0,
-            ParameterDescriptor(
-                description="seconds to record once subscribed; 0: until stopped",
-                floating_point_range=[FloatingPointRange(from_value=0.0, to_value=1e9)],
-                read_only=True,
-            ),
-        )
 
     def _resolved(self, name: str) -> str:
         # Checked first: resolving a wrong name fails without saying which one it was.
@@ -275,7 +246,7 @@ def main(args: list[str] | None = None) -> int:
         exit_code = recorder.finished.result() or 0
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (BagNotWritable, ParameterException, NameValidationException) as error:
+    except (AnnikError, NameValidationException) as error:
         errors.append(error)
     except RuntimeError:
         # Interrupted while still starting: rclpy's calls fail in ways of their own.
@@ -290,7 +261,7 @@ def main(args: list[str] | None = None) -> int:
             errors.append(error)
         # Before the last words: a node that is gone does not try to publish them to /rosout.
         recorder.destroy_node()
-    logger = rclpy.logging.get_logger("bag_recorder")
+    logger = rclpy.logging.get_logger(NODE_NAME)
     for problem in errors:
         logger.fatal(str(problem))
     if summary is not None:

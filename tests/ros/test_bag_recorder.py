@@ -131,7 +131,7 @@ def start_recorder(
 ) -> Process:
     arguments = [word for parameter in parameters for word in ("-p", parameter)]
     arguments += [word for remap in remaps for word in ("-r", remap)]
-    return start("-m", "msg_tools.bag_recorder", "--ros-args", *arguments, **options)
+    return start("-m", "annik_ros.bag_recorder", "--ros-args", *arguments, **options)
 
 
 def start_publisher(

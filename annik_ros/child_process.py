@@ -1,0 +1,128 @@
+"""Processes started for a while: their output in a file, ended with the group they belong to."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import NoReturn
+
+from annik_core.errors import AnnikError
+
+_POLL_PERIOD = 0.02
+
+
+class ChildProcessFailed(AnnikError):
+    """A process ended with an error, or did not do in time what was waited for."""
+
+    def __init__(self, name: str, problem: str, log: Path) -> None:
+        self.name = name
+        self.problem = problem
+        self.log = log
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()[-5:]
+        super().__init__("\n".join([f"{name} {problem}; the end of {log}:", *lines]))
+
+
+class ChildProcess:
+    """A process in a group of its own; leaving the context ends the whole group.
+
+    Args:
+        command: program and arguments.
+        log: file for all that it prints.
+        environment: its environment.
+    """
+
+    def __init__(self, command: Sequence[str], log: Path, environment: Mapping[str, str]) -> None:
+        self.name = log.stem
+        self._log = log
+        with log.open("wb") as output:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=dict(environment),
+                start_new_session=True,
+            )
+
+    def __enter__(self) -> ChildProcess:
+        """The process itself."""
+        return self
+
+    def __exit__(
+        self,
+        exception_type: type[BaseException] | None,
+        exception: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the process and all that it started."""
+        self._end_group()
+
+    def wait_for_text(self, text: str, timeout: float) -> None:
+        """Wait until the process has printed ``text``.
+
+        Raises:
+            ChildProcessFailed: if it ends first, or has not after ``timeout`` seconds.
+        """
+        said = wait_until(
+            lambda: text in self._log.read_text(encoding="utf-8", errors="replace"),
+            timeout,
+            lambda: self._process.poll() is None,
+        )
+        if not said:
+            self._fail(f"did not say {text!r} within {timeout:g} s")
+
+    def wait(self, timeout: float) -> None:
+        """Wait for the end of the process.
+
+        Raises:
+            ChildProcessFailed: if its exit code is not 0, or it goes on after ``timeout`` seconds.
+        """
+        try:
+            code = self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self._fail(f"did not end within {timeout:g} s")
+        if code != 0:
+            self._fail("failed")
+
+    def interrupt(self, timeout: float) -> None:
+        """Ask the process to end, as Ctrl-C does, and wait until it has.
+
+        Raises:
+            ChildProcessFailed: see :meth:`wait`.
+        """
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        self.wait(timeout)
+
+    def _fail(self, problem: str) -> NoReturn:
+        code = self._process.poll()
+        ended = f" (it ended with exit code {code})" if code is not None else ""
+        raise ChildProcessFailed(self.name, problem + ended, self._log)
+
+    def _end_group(self) -> None:
+        for signal_number in (signal.SIGTERM, signal.SIGKILL):
+            try:
+                os.killpg(self._process.pid, signal_number)
+                self._process.wait(3.0)
+            except (ProcessLookupError, PermissionError):
+                break
+            except subprocess.TimeoutExpired:
+                continue
+        self._process.wait()
+
+
+def wait_until(
+    condition: Callable[[], bool], timeout: float, worth_waiting: Callable[[], bool] = lambda: True
+) -> bool:
+    """Poll a condition; whether it came true within ``timeout`` seconds, while worth it."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline or not worth_waiting():
+            return condition()
+        time.sleep(_POLL_PERIOD)
+    return True

@@ -1,0 +1,144 @@
+"""The node that stands in for a robot: it does what it is told, and measures the error."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from annik_core.artifact import load_artifact
+from annik_core.errors import AnnikError
+from annik_core.fake_robot import FakeRobot, refusal_reason
+from annik_core.outcome_counts import OutcomeCounts
+from annik_core.pose import FloatArray
+from annik_core.robot import Robot
+from annik_core.robot_library import load_robot
+from annik_core.stamp_pairing import StampPairing
+from annik_core.tracking_error import tracking_error
+from annik_ros.declare_parameters import declare_parameters
+from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
+from annik_ros.parameters import FakeRobotParameters
+from annik_ros.qos import RESULT_DEPTH, reliable
+from annik_ros.spin import run_node
+from msg_tools.joint_state import joint_positions_from_message, joint_state_to_message
+from msg_tools.pose import pose_from_message, pose_stamped_to_message
+from msg_tools.stamp import stamp_from_message, stamp_to_message
+from msg_tools.topics import (
+    ACCEPTED_TARGET,
+    ACHIEVED_POSE,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+)
+from msg_tools.vector3 import vector3_stamped_to_message
+
+NODE_NAME = "fake_robot"
+
+#: Least time between two warnings of refused messages [s].
+WARNING_PERIOD = 1.0
+
+
+class FakeRobotNode(Node):
+    """Takes up every valid command at once, and publishes where that leads."""
+
+    def __init__(self) -> None:
+        """Load the robot and wait for commands.
+
+        Raises:
+            AnnikError: if a parameter, the model or the robot can't be used.
+        """
+        super().__init__(NODE_NAME)
+        robot = _load(declare_parameters(self, FakeRobotParameters))
+        self._fake_robot = FakeRobot(robot)
+        self._counts = OutcomeCounts(time.monotonic())
+        self._pairing: StampPairing[FloatArray, FloatArray] = StampPairing()
+        results = reliable(RESULT_DEPTH)
+        self._state_publisher = self.create_publisher(JointState, JOINT_STATES.name, results)
+        self._pose_publisher = self.create_publisher(PoseStamped, ACHIEVED_POSE.name, results)
+        self._position_error_publisher = self.create_publisher(
+            Vector3Stamped, POSITION_ERROR.name, results
+        )
+        self._orientation_error_publisher = self.create_publisher(
+            Vector3Stamped, ORIENTATION_ERROR.name, results
+        )
+        self.create_subscription(JointState, JOINT_COMMAND.name, self._on_command, results)
+        self.create_subscription(PoseStamped, ACCEPTED_TARGET.name, self._on_target, results)
+        self._diagnostics = DiagnosticsPublisher(self, self._report)
+        self.get_logger().info(
+            f"fake robot {robot.name}: {JOINT_COMMAND.name} -> {JOINT_STATES.name}"
+        )
+
+    def _on_command(self, message: JointState) -> None:
+        robot = self._fake_robot.robot
+        try:
+            joint_positions = joint_positions_from_message(message, robot.joint_names)
+            achieved = self._fake_robot.move_to(joint_positions)
+        except AnnikError as error:
+            self._counts.record_refused(refusal_reason(error), str(error))
+            self._warn(f"command refused: {error}")
+            return
+        self._counts.record_accepted()
+        stamp = message.header.stamp
+        self._state_publisher.publish(
+            joint_state_to_message(robot.joint_names, joint_positions, stamp)
+        )
+        self._pose_publisher.publish(pose_stamped_to_message(achieved, stamp, robot.base_frame))
+        nanoseconds = stamp_from_message(stamp)
+        self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
+
+    def _on_target(self, message: PoseStamped) -> None:
+        try:
+            target = pose_from_message(message.pose)
+        except AnnikError as error:
+            self._warn(f"accepted target ignored: {error}")
+            return
+        nanoseconds = stamp_from_message(message.header.stamp)
+        self._publish_error(nanoseconds, self._pairing.add_first(nanoseconds, target))
+
+    def _publish_error(self, nanoseconds: int, pair: tuple[FloatArray, FloatArray] | None) -> None:
+        if pair is None:
+            return
+        error = tracking_error(*pair)
+        stamp = stamp_to_message(nanoseconds)
+        frame = self._fake_robot.robot.base_frame
+        self._position_error_publisher.publish(
+            vector3_stamped_to_message(error.position, stamp, frame)
+        )
+        self._orientation_error_publisher.publish(
+            vector3_stamped_to_message(error.orientation, stamp, frame)
+        )
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
+
+    def _report(self) -> DiagnosticReport:
+        robot = self._fake_robot.robot
+        waiting_targets, waiting_commands = self._pairing.waiting
+        values = {
+            "robot": robot.name,
+            "robot definition sha256": robot.definition_hash[:12],
+            "targets without command": str(waiting_targets),
+            "commands without target": str(waiting_commands),
+            "partners given up": str(self._pairing.given_up),
+        }
+        outcomes = self._counts.end_period(time.monotonic())
+        return outcome_report("command", outcomes, robot.name, values)
+
+
+def _load(parameters: FakeRobotParameters) -> Robot:
+    if parameters.model:
+        return load_artifact(parameters.model).robot
+    return load_robot(parameters.robot)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_node(NODE_NAME, FakeRobotNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

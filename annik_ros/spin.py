@@ -1,0 +1,77 @@
+"""Run one node as a process: exit code 0 when it is asked to end, 1 when it can't do its job."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import TypeVar
+
+import rclpy
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.task import Future
+
+from annik_core.errors import AnnikError
+
+AnyNode = TypeVar("AnyNode", bound=Node)
+
+
+def run_node(
+    name: str,
+    make_node: Callable[[], AnyNode],
+    args: list[str] | None = None,
+    finished: Callable[[AnyNode], Future] | None = None,
+) -> int:
+    """Make a node and spin it until SIGINT, SIGTERM, its own end, or a fault.
+
+    Args:
+        name: what to call the node in the log before it exists.
+        make_node: makes it; may raise an :class:`AnnikError` for a fault of set-up.
+        args: the command line; None means that of the process.
+        finished: gives the future of the node that is done when its job is; None: never.
+
+    Returns:
+        The exit code: 0, or 1 after one line on what is wrong.
+    """
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        # rclpy has no public name for its complaints about ROS arguments; there is no log yet.
+        print(f"[FATAL] [{name}]: {_one_line(error)}", file=sys.stderr)
+        return 1
+    node = None
+    try:
+        node = make_node()
+        _spin(node, finished(node) if finished else None)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (AnnikError, NameValidationException) as error:
+        get_logger(name).fatal(_one_line(error))
+        return 1
+    except RuntimeError:
+        # A signal ends the context at once: whatever was being made or published then fails.
+        if rclpy.ok():
+            raise
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _spin(node: Node, finished: Future | None) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        if finished is None:
+            executor.spin()
+        else:
+            executor.spin_until_future_complete(finished)
+    finally:
+        executor.shutdown(timeout_sec=0.0)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

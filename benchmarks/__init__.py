@@ -1,0 +1,1 @@
+"""Measurements of speed and of methods, each a module to run; results go to docs/results."""

@@ -1,0 +1,193 @@
+"""Separable Levenberg-Marquardt against the plain one, on the paper's robot and sets of examples.
+
+Both start from the same random weights, get the same examples (all of them: nothing is held out,
+and nothing chooses among the starts) and are stopped after the same number of evaluations. Errors
+are measured on 2,000 random poses of the workspace and on the 15 points of the paper's path.
+Writes docs/results/fit_methods.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.progress import track
+from scipy.optimize import least_squares
+from torch import Tensor
+from torch.func import functional_call, jacrev, vmap
+
+from annik_core.pose import FloatArray, pose_difference
+from annik_core.robot import Robot
+from annik_core.robot_library import load_robot
+from annik_core.target_paths import diagonal_path
+from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
+from annik_training.fit import FitOptions, network_poses, scaled_examples, untrained_network
+from annik_training.network import InverseKinematicsNetwork
+from annik_training.separable_least_squares import fit_separable
+from benchmarks.machine import machine
+
+RESULT = Path(__file__).parents[1] / "docs" / "results" / "fit_methods.md"
+SETS = {"Set 1": 3, "Set 2": 6, "Set 3": 15}
+METHODS = ("separable", "plain")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One start: mean square error in scaled units, position errors in mm, time in seconds."""
+
+    training_error: float
+    workspace_rms: float
+    workspace_max: float
+    path_max: float
+    seconds: float
+
+
+def fit_plain(
+    network: InverseKinematicsNetwork, inputs: Tensor, targets: Tensor, max_evaluations: int
+) -> float:
+    """Levenberg-Marquardt on all weights at once; returns the mean square error."""
+    layers = torch.nn.Sequential(network.hidden, network.output)
+    with torch.no_grad():
+        # The separable fit needs no start for these; zero is where its own would begin.
+        network.output.weight.zero_()
+        network.output.bias.zero_()
+    shapes = {name: value.shape for name, value in layers.named_parameters()}
+    sizes = [shape.numel() for shape in shapes.values()]
+
+    def named(weights: FloatArray) -> dict[str, Tensor]:
+        parts = torch.split(torch.from_numpy(weights), sizes)
+        return {n: p.reshape(s) for (n, s), p in zip(shapes.items(), parts, strict=True)}
+
+    def answer(weights: dict[str, Tensor], example: Tensor) -> Tensor:
+        answered: Tensor = functional_call(layers, weights, (example,))
+        return answered
+
+    def residual(weights: FloatArray) -> FloatArray:
+        with torch.no_grad():
+            error: FloatArray = (answer(named(weights), inputs) - targets).reshape(-1).numpy()
+        return error
+
+    def jacobian(weights: FloatArray) -> FloatArray:
+        derivatives = vmap(jacrev(answer), in_dims=(None, 0))(named(weights), inputs)
+        with torch.no_grad():
+            flat = torch.cat([derivatives[name].flatten(start_dim=2) for name in shapes], dim=2)
+            matrix: FloatArray = flat.reshape(targets.numel(), -1).numpy()
+        return matrix
+
+    start = torch.cat([value.detach().reshape(-1) for value in layers.parameters()]).numpy()
+    solution = least_squares(
+        residual,
+        start,
+        jacobian,
+        method="lm",
+        ftol=1e-12,
+        xtol=1e-12,
+        gtol=1e-15,
+        max_nfev=max_evaluations,
+    )
+    with torch.no_grad():
+        for name, parameter in layers.named_parameters():
+            parameter.copy_(named(solution.x)[name])
+    return float(np.mean(solution.fun**2))
+
+
+def position_errors_mm(
+    robot: Robot, network: InverseKinematicsNetwork, poses: FloatArray
+) -> FloatArray:
+    """Distance of the end effector from each pose, by the direct kinematics."""
+    achieved = robot.forward_kinematics.poses(network.joint_positions(poses))
+    errors: FloatArray = 1e3 * np.linalg.norm(pose_difference(poses, achieved)[0], axis=1)
+    return errors
+
+
+def run(dataset: Dataset, unseen: FloatArray, method: str, seed: int, evaluations: int) -> Outcome:
+    """Fit one start with one method and measure it."""
+    options = FitOptions(max_evaluations=evaluations)
+    poses = network_poses(dataset)
+    network = untrained_network(dataset.robot, poses, options)
+    network.hidden.initialise(np.random.default_rng(seed))
+    inputs, targets = scaled_examples(network, poses, dataset.joint_positions)
+    begin = time.perf_counter()
+    if method == "separable":
+        solution = fit_separable(network.hidden, inputs, targets, options.ridge, evaluations)
+        with torch.no_grad():
+            network.output.weight.copy_(solution.output_weight)
+            network.output.bias.copy_(solution.output_bias)
+        error = solution.mean_square_error
+    else:
+        error = fit_plain(network, inputs, targets, evaluations)
+    seconds = time.perf_counter() - begin
+    workspace = position_errors_mm(dataset.robot, network, unseen)
+    path = position_errors_mm(dataset.robot, network, diagonal_path())
+    return Outcome(
+        error, float(np.sqrt(np.mean(workspace**2))), workspace.max(), path.max(), seconds
+    )
+
+
+def table(outcomes: dict[tuple[str, str], list[Outcome]], examples: dict[str, int]) -> list[str]:
+    """The Markdown table: median, and in brackets the range over the starts."""
+    lines = [
+        "| examples | method | training error | workspace rms [mm] | workspace max [mm] "
+        "| path max [mm] | time [s] |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for (name, method), results in outcomes.items():
+        cells = []
+        for field, form in (
+            ("training_error", ".1e"),
+            ("workspace_rms", ".2g"),
+            ("workspace_max", ".2g"),
+            ("path_max", ".2g"),
+            ("seconds", ".1f"),
+        ):
+            values = [getattr(result, field) for result in results]
+            low, middle, high = min(values), float(np.median(values)), max(values)
+            cells.append(f"{middle:{form}} ({low:{form}} to {high:{form}})")
+        lines.append(f"| {name}: {examples[name]} | {method} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def main() -> None:
+    """Run the comparison and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--starts", type=int, default=10)
+    parser.add_argument("--evaluations", type=int, default=FitOptions.max_evaluations)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    robot = load_robot("gantry")
+    unseen = compute_random_dataset(robot, robot.joint_box, 2000, seed=20_000).poses
+    datasets = {
+        name: compute_dataset(robot, "thirty_phase", steps, 0) for name, steps in SETS.items()
+    }
+    outcomes: dict[tuple[str, str], list[Outcome]] = {
+        (name, method): [] for name in SETS for method in METHODS
+    }
+    jobs = [
+        (seed, name, method)
+        for seed in range(arguments.starts)
+        for name in SETS
+        for method in METHODS
+    ]
+    for seed, name, method in track(jobs, "fitting"):
+        outcomes[name, method].append(
+            run(datasets[name], unseen, method, seed, arguments.evaluations)
+        )
+    lines = [
+        "<!-- Written by ./run bench fit_methods -->",
+        "",
+        f"Median (range) over {arguments.starts} starts, {arguments.evaluations} evaluations "
+        f"each. {machine()}",
+        "",
+        *table(outcomes, {name: len(dataset) for name, dataset in datasets.items()}),
+    ]
+    RESULT.parent.mkdir(parents=True, exist_ok=True)
+    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
