@@ -1,0 +1,176 @@
+"""Write the generated parts of the documentation: tables from the code, figures from the demo.
+
+A generated part stands between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``. With ``--check``
+nothing is written; the exit code is 1 if a part that comes from the code is out of date. With
+``--demo FOLDER`` the measured results and the pictures of a demo are taken over too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from annik_core.acceptance import AcceptanceLimits
+from annik_core.ik_result import IkStatus
+from annik_ros.parameter_table import Parameter
+from annik_ros.parameters import PARAMETER_TABLES
+from annik_training.design_registry import DESIGNS
+from annik_training.thirty_phase_design import describe_phases
+from benchmarks.machine import machine
+from msg_tools.topics import TOPICS
+
+DOCS = Path(__file__).parent
+README = DOCS.parent / "README.md"
+PICTURES = {"errors.png": "tracking_error.png", "path.png": "path.png"}
+
+
+def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """A Markdown table."""
+    lines = [header, ("---",) * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def topics() -> str:
+    """All topics."""
+    rows = [(f"`{t.name}`", f"`{t.type}`", t.publisher, t.meaning) for t in TOPICS]
+    return table(("topic", "type", "published by", "meaning"), rows)
+
+
+def parameters(node: str) -> Callable[[], str]:
+    """The parameters of one node."""
+
+    def parameter_rows() -> str:
+        rows = [
+            (f"`{row.name}`", _default(row), row.allowed, _when(row), row.description)
+            for row in PARAMETER_TABLES[node]
+        ]
+        return table(("parameter", "default", "allowed", "set", "meaning"), rows)
+
+    return parameter_rows
+
+
+def refusals() -> str:
+    """Why a target may be refused."""
+    rows = [(status.value,) for status in IkStatus if status is not IkStatus.SUCCESS]
+    return table(("`refused: ...` in /diagnostics",), rows)
+
+
+def designs() -> str:
+    """The designs of experiments."""
+    rows = [
+        (f"`{d.name}`", f"`--{d.size_option.replace('_', '-')}`: {d.size_means}", d.description)
+        for d in DESIGNS.values()
+    ]
+    return table(("design", "size", "what it is"), rows)
+
+
+def phases() -> str:
+    """The paper's phases for six joints."""
+    return "\n".join(f"    {line}" for line in describe_phases(6))
+
+
+def limits() -> str:
+    """The default acceptance limits, in the units of a reader."""
+    defaults = AcceptanceLimits()
+    return (
+        f"{1e3 * defaults.max_position_residual:g} mm and "
+        f"{math.degrees(defaults.max_orientation_residual):.2g} degrees"
+    )
+
+
+def demo(results: Mapping[str, object]) -> str:
+    """What the demo measured."""
+    position, orientation, latency, training = (
+        _mapping(results[key])
+        for key in ("position_error_mm", "orientation_error_deg", "latency_us", "training")
+    )
+    rows = [
+        ("examples", f"{training['examples']}"),
+        ("training", f"{training['seconds']:.1f} s"),
+        (
+            "targets sent / answered / refused",
+            f"{results['targets_sent']} / {results['targets_answered']} / "
+            f"{results['targets_refused']}",
+        ),
+        ("position error", f"{position['p50']:.5f} mm median, {position['max']:.5f} mm worst"),
+        (
+            "orientation error",
+            f"{orientation['p50']:.6f} degrees median, {orientation['max']:.6f} degrees worst",
+        ),
+        ("target to command", f"{latency['p50']:.0f} us median, {latency['p99']:.0f} us p99"),
+    ]
+    measured = table(("measured by `./run demo`", ""), rows)
+    return f"{measured}\n\n{machine()}"
+
+
+def _mapping(value: object) -> Mapping[str, float]:
+    assert isinstance(value, Mapping)
+    return value
+
+
+def _default(row: Parameter) -> str:
+    if isinstance(row.default, tuple) and len(row.default) > 3:
+        return "see there"
+    return f"`{json.dumps(row.default).replace('Infinity', '.inf')}`"
+
+
+def _when(row: Parameter) -> str:
+    return "at start" if row.read_only else "any time"
+
+
+PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
+    README: {"topics": topics, "ik_node parameters": parameters("ik_node")},
+    DOCS / "ros_interface.md": {
+        "topics": topics,
+        "refusals": refusals,
+        "limits": limits,
+        **{f"{node} parameters": parameters(node) for node in PARAMETER_TABLES},
+    },
+    DOCS / "training.md": {"designs": designs, "phases": phases},
+}
+
+
+def with_part(text: str, name: str, content: str) -> str:
+    """The text with one generated part replaced."""
+    pattern = re.compile(
+        rf"(<!-- begin {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.DOTALL
+    )
+    if not pattern.search(text):
+        sys.exit(f"no part {name!r} to fill")
+    return pattern.sub(lambda match: f"{match[1]}{content}\n{match[2]}", text)
+
+
+def main() -> None:
+    """Update or check."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--demo", type=Path)
+    arguments = parser.parse_args()
+    stale = []
+    for path, parts in PARTS.items():
+        text = path.read_text(encoding="utf-8")
+        updated = text
+        for name, content in parts.items():
+            updated = with_part(updated, name, content())
+        if path == README and arguments.demo:
+            results = json.loads((arguments.demo / "results.json").read_text(encoding="utf-8"))
+            updated = with_part(updated, "demo", demo(results))
+        if updated != text:
+            stale.append(str(path.relative_to(DOCS.parent)))
+            if not arguments.check:
+                path.write_text(updated, encoding="utf-8")
+    if arguments.demo and not arguments.check:
+        for source, name in PICTURES.items():
+            shutil.copyfile(arguments.demo / source, DOCS / "images" / name)
+    if arguments.check and stale:
+        sys.exit(f"out of date, run ./run docs: {', '.join(stale)}")
+
+
+if __name__ == "__main__":
+    main()
