@@ -73,7 +73,7 @@ setup(
         "scipy>=1.11",
     ],
     extras_require={
-        "training": ["onnxscript>=0.2", "torch>=2.4"],
+        "training": ["onnxscript>=0.2", "sympy>=1.12", "torch>=2.4"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "dev": [

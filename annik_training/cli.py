@@ -44,9 +44,13 @@ def _design_options(command: Any) -> Any:
                 "--design",
                 default="thirty_phase",
                 show_default=True,
-                help="Design of experiments: thirty_phase or workspace_grid.",
+                help="Design of experiments: thirty_phase, thirty_phase_plus, workspace_grid, "
+                "latin_hypercube, sobol or random.",
             ),
-            click.option("--steps", type=int, help="thirty_phase: steps j of each sweep."),
+            click.option("--steps", type=int, help="thirty_phase(_plus): steps j of each sweep."),
+            click.option(
+                "--examples", type=int, help="latin_hypercube, sobol, random: how many examples."
+            ),
             click.option(
                 "--paper-rows",
                 "keep_paper_rows",

@@ -11,7 +11,12 @@ import numpy as np
 from annik_core.errors import DesignError, UnknownDesign
 from annik_core.pose import FloatArray
 from annik_core.robot import Robot
-from annik_training import thirty_phase_design, workspace_grid_design
+from annik_training import (
+    sampling_designs,
+    thirty_phase_design,
+    thirty_phase_plus_design,
+    workspace_grid_design,
+)
 
 
 @dataclass(frozen=True)
@@ -36,26 +41,52 @@ class Design:
     make: Callable[..., FloatArray]
 
 
-def _thirty_phase(robot: Robot, size: int, rng: np.random.Generator, **options: Any) -> FloatArray:
-    return thirty_phase_design.thirty_phase_design(robot.joint_box, size, **options)
+def _in_box(design: Callable[..., FloatArray]) -> Callable[..., FloatArray]:
+    """A design that needs the joint box and no randomness."""
+
+    def make(robot: Robot, size: int, rng: np.random.Generator, **options: Any) -> FloatArray:
+        return design(robot.joint_box, size, **options)
+
+    return make
 
 
-def _workspace_grid(
-    robot: Robot, size: int, rng: np.random.Generator, **options: Any
-) -> FloatArray:
-    return workspace_grid_design.workspace_grid_design(robot, size, **options)
+def _drawn_in_box(design: Callable[..., FloatArray]) -> Callable[..., FloatArray]:
+    """A design that draws from the joint box."""
 
+    def make(robot: Robot, size: int, rng: np.random.Generator, **options: Any) -> FloatArray:
+        return design(robot.joint_box, size, rng, **options)
+
+    return make
+
+
+def _in_workspace(design: Callable[..., FloatArray]) -> Callable[..., FloatArray]:
+    """A design of poses, which needs the whole robot."""
+
+    def make(robot: Robot, size: int, rng: np.random.Generator, **options: Any) -> FloatArray:
+        return design(robot, size, **options)
+
+    return make
+
+
+_STEPS = ("steps", "steps of each sweep (j)")
+_EXAMPLES = ("examples", "number of examples")
 
 DESIGNS: Mapping[str, Design] = {
     design.name: design
     for design in (
         Design(
             thirty_phase_design.NAME,
-            "steps",
-            "steps of each sweep (j)",
+            *_STEPS,
             "joints swept alone and together in 30 phases: the paper's, Table 1",
             ("keep_paper_rows",),
-            _thirty_phase,
+            _in_box(thirty_phase_design.thirty_phase_design),
+        ),
+        Design(
+            thirty_phase_plus_design.NAME,
+            *_STEPS,
+            "the paper's, and the pairs of joints without which it is blind to interactions",
+            (),
+            _in_box(thirty_phase_plus_design.thirty_phase_plus_design),
         ),
         Design(
             workspace_grid_design.NAME,
@@ -63,7 +94,28 @@ DESIGNS: Mapping[str, Design] = {
             "grid positions per axis",
             "a regular grid of poses: the paper's 'known method', Table 7",
             ("orientation_levels",),
-            _workspace_grid,
+            _in_workspace(workspace_grid_design.workspace_grid_design),
+        ),
+        Design(
+            "latin_hypercube",
+            *_EXAMPLES,
+            "one example in each slice of every joint, otherwise at random",
+            (),
+            _drawn_in_box(sampling_designs.latin_hypercube_design),
+        ),
+        Design(
+            "sobol",
+            *_EXAMPLES,
+            "a scrambled Sobol sequence: evenly spread, and can be continued",
+            (),
+            _drawn_in_box(sampling_designs.sobol_design),
+        ),
+        Design(
+            "random",
+            *_EXAMPLES,
+            "independent and uniform",
+            (),
+            _drawn_in_box(sampling_designs.random_design),
         ),
     )
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -78,30 +78,50 @@ def thirty_phase_design(
         UnsupportedRobotForDesign: if the paper's rows are asked for other than six joints.
     """
     dof = len(box.joint_names)
+    check_steps(NAME, steps)
+    if not keep_paper_rows:
+        return distinct_rows(phases(dof), box, steps)
+    if dof != 6:
+        raise UnsupportedRobotForDesign(NAME, f"with {dof} joints", "the paper's has six")
+    rows = np.concatenate(
+        [
+            half_steps(phase, dof, steps)[_paper_rows(number, steps)]
+            for number, phase in enumerate(phases(dof), start=1)
+        ]
+    )
+    return _in_box(rows, box, steps)
+
+
+def check_steps(design: str, steps: int) -> None:
+    """Refuse a number of steps that no sweep can have.
+
+    Raises:
+        InvalidDesignSize: naming the design and what is allowed.
+    """
     if not 1 <= steps <= MAX_STEPS:
-        raise InvalidDesignSize(NAME, "steps", steps, 1, MAX_STEPS)
-    if keep_paper_rows:
-        if dof != 6:
-            raise UnsupportedRobotForDesign(NAME, f"with {dof} joints", "the paper's has six")
-        rows = np.concatenate(
-            [
-                _sweep(phase, dof, steps)[_paper_rows(number, steps)]
-                for number, phase in enumerate(phases(dof), start=1)
-            ]
-        )
-    else:
-        rows = np.concatenate([_sweep(phase, dof, steps) for phase in phases(dof)])
-        _, first = np.unique(rows, axis=0, return_index=True)
-        rows = rows[np.sort(first)]
-    # Rows count in half steps, as integers, so that equal rows are found exactly.
-    fraction = rows / (2.0 * steps)
-    return box.lower + fraction * (box.upper - box.lower)
+        raise InvalidDesignSize(design, "steps", steps, 1, MAX_STEPS)
 
 
-def _sweep(phase: Phase, dof: int, steps: int) -> NDArray[np.int64]:
+def distinct_rows(table: Sequence[Phase], box: JointLimits, steps: int) -> FloatArray:
+    """Joint positions ``(n, dof)`` of phases, each kept where it first occurs."""
+    rows = np.concatenate([half_steps(phase, len(box.joint_names), steps) for phase in table])
+    _, first = np.unique(rows, axis=0, return_index=True)
+    return _in_box(rows[np.sort(first)], box, steps)
+
+
+def half_steps(phase: Phase, dof: int, steps: int) -> NDArray[np.int64]:
+    """Rows of a phase ``(steps + 1, dof)`` in half steps from the minimum.
+
+    As integers, so that equal rows are found exactly; in halves, because the median of an odd
+    number of steps is between two of them.
+    """
     rows = np.full((steps + 1, dof), phase.held_at * steps, dtype=np.int64)
     rows[:, phase.swept] = 2 * np.arange(steps + 1)[:, np.newaxis]
     return rows
+
+
+def _in_box(rows: NDArray[np.int64], box: JointLimits, steps: int) -> FloatArray:
+    return box.lower + rows / (2.0 * steps) * (box.upper - box.lower)
 
 
 def _paper_rows(phase_number: int, steps: int) -> slice:

@@ -18,7 +18,9 @@ from annik_core.errors import (
 from annik_core.joint_limits import JointLimits
 from annik_core.robot import Robot
 from annik_training.design_registry import make_design
+from annik_training.quadratic_model import quadratic_rank, quadratic_terms
 from annik_training.thirty_phase_design import describe_phases, phases, thirty_phase_design
+from annik_training.thirty_phase_plus_design import interaction_phases, thirty_phase_plus_design
 
 MIN, MED, MAX = 20, 35, 50
 
@@ -192,10 +194,78 @@ def test_the_printed_grid_of_table_8(gantry: Robot, number: int, row: list[int])
 
 
 def test_unknown_design_lists_the_known(gantry: Robot) -> None:
-    with pytest.raises(UnknownDesign, match="thirty_phase, workspace_grid"):
+    with pytest.raises(UnknownDesign, match="thirty_phase, thirty_phase_plus, workspace_grid"):
         make_design("intuition", gantry, 3, 0)
 
 
 def test_unknown_option_lists_the_known(gantry: Robot) -> None:
     with pytest.raises(DesignError, match="keep_paper_rows"):
         make_design("thirty_phase", gantry, 3, 0, {"colour": "blue"})
+
+
+class TestInteractions:
+    """What a design can and can't tell apart, in exact arithmetic."""
+
+    @staticmethod
+    def integer_rows(rows: np.ndarray, steps: int) -> list[list[int]]:
+        """Rows on [0, 1] as whole half steps."""
+        scaled = rows * 2 * steps
+        whole = np.rint(scaled)
+        assert np.abs(scaled - whole).max() < 1e-9
+        return whole.astype(int).tolist()
+
+    @pytest.mark.parametrize("steps", [2, 3, 6, 15, 18])
+    def test_the_papers_design_has_rank_24_of_28(self, steps: int) -> None:
+        """And is blind to these products of joint differences."""
+        rows = self.integer_rows(thirty_phase_design(box(lower=0, upper=1), steps), steps)
+        assert len(quadratic_terms(6)) == 28
+        assert quadratic_rank(rows) == 24
+        for first, second in (((0, 1), (3, 5)), ((0, 2), (4, 5)), ((1, 3), (4, 5))):
+            products = [
+                (row[first[0]] - row[first[1]]) * (row[second[0]] - row[second[1]]) for row in rows
+            ]
+            assert set(products) == {0}
+
+    @pytest.mark.parametrize("dof", range(2, 9))
+    @pytest.mark.parametrize("steps", [2, 3, 7])
+    def test_the_repaired_design_has_full_rank(self, dof: int, steps: int) -> None:
+        rows = thirty_phase_plus_design(box(dof, lower=0, upper=1), steps)
+        assert quadratic_rank(self.integer_rows(rows, steps)) == (dof + 1) * (dof + 2) // 2
+
+    def test_the_repair_for_six_joints(self) -> None:
+        """Four pairs, and no more rows than their sweeps add."""
+        assert [phase.swept for phase in interaction_phases(6)] == [(0, 2), (0, 3), (0, 4), (1, 4)]
+        assert len(thirty_phase_plus_design(box(), 3)) == 118
+
+
+@pytest.mark.parametrize("name", ["latin_hypercube", "sobol", "random"])
+class TestSamplingDesigns:
+    """Inside the box, as many as asked for, the same for the same seed."""
+
+    @given(examples=st.integers(1, 300))
+    def test_size_and_box(self, gantry: Robot, name: str, examples: int) -> None:
+        rows = make_design(name, gantry, examples, seed=1)
+        assert rows.shape == (examples, 6)
+        assert gantry.joint_box.contains(rows)
+
+    def test_the_seed_decides(self, gantry: Robot, name: str) -> None:
+        first = make_design(name, gantry, 50, seed=1)
+        assert np.array_equal(first, make_design(name, gantry, 50, seed=1))
+        assert not np.array_equal(first, make_design(name, gantry, 50, seed=2))
+
+    @pytest.mark.parametrize("examples", [0, -3, 1_000_001])
+    def test_size_out_of_range(self, gantry: Robot, name: str, examples: int) -> None:
+        with pytest.raises(InvalidDesignSize, match=name):
+            make_design(name, gantry, examples, seed=1)
+
+
+def test_a_latin_hypercube_has_one_example_in_every_slice(gantry: Robot) -> None:
+    limits = gantry.joint_box
+    rows = make_design("latin_hypercube", gantry, 40, seed=3)
+    slices = np.floor(40 * (rows - limits.lower) / (limits.upper - limits.lower)).astype(int)
+    assert all(sorted(column) == list(range(40)) for column in slices.T)
+
+
+def test_a_longer_sobol_design_begins_with_a_shorter(gantry: Robot) -> None:
+    longer = make_design("sobol", gantry, 100, seed=4)
+    assert np.array_equal(longer[:37], make_design("sobol", gantry, 37, seed=4))
