@@ -22,6 +22,7 @@ from annik_core.version import VERSION
 
 if TYPE_CHECKING:
     from annik_training.dataset import Dataset
+    from annik_training.design_diagnostics import DesignDiagnostics
     from annik_training.evaluation import Evaluation
     from annik_training.fit import Restart
     from annik_training.train import TrainingResult
@@ -81,16 +82,20 @@ def cli() -> None:
 @_ROBOT
 @_design_options
 @_SEED
+@click.option("--check", is_flag=True, help="Also say what the examples can and can't show.")
 @click.option("--out", type=_FILE, help="Also compute the poses and save the dataset (.npz).")
-def design(robot: str, seed: int, out: Path | None, **choices: Any) -> None:
+def design(robot: str, seed: int, check: bool, out: Path | None, **choices: Any) -> None:
     """Choose the joint positions of the examples."""
     from annik_training.dataset import save_dataset
+    from annik_training.design_diagnostics import diagnose
 
     dataset = _computed_dataset(robot, seed, choices)
     Console().print(
         f"{dataset.design}: {len(dataset)} examples for {dataset.robot.name} "
         f"({', '.join(dataset.robot.joint_names)})"
     )
+    if check:
+        _print_diagnostics(diagnose(dataset.joint_positions, dataset.robot.joint_box))
     if out is not None:
         save_dataset(dataset, out)
         Console().print(f"wrote {out}")
@@ -219,6 +224,19 @@ def _computed_dataset(robot_name: str, seed: int, choices: dict[str, Any]) -> Da
         flag = chosen.size_option.replace("_", "-")
         raise DesignError(f"design {chosen.name} needs --{flag}: {chosen.size_means}")
     return compute_dataset(load_robot(robot_name), chosen.name, size, seed, given)
+
+
+def _print_diagnostics(diagnostics: DesignDiagnostics) -> None:
+    table = Table("model in the joint positions", "rank", "terms", "condition number")
+    for name, model in (("linear", diagnostics.linear), ("quadratic", diagnostics.quadratic)):
+        table.add_row(name, str(model.rank), str(model.terms), f"{model.condition:.1f}")
+    console = Console()
+    console.print(table)
+    blind = ", ".join(f"{first} x {second}" for first, second in diagnostics.blind_interactions)
+    console.print(f"interactions it can't tell apart: {blind or 'none'}")
+    console.print(
+        f"largest empty ball: {diagnostics.largest_empty_ball:.2f} of half the box's diagonal"
+    )
 
 
 def _hidden_units(text: str) -> tuple[int, ...]:

@@ -1,0 +1,104 @@
+"""What a design of experiments can show of a robot, and what it leaves in the dark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial import KDTree
+from scipy.stats import qmc
+
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+from annik_training.quadratic_model import quadratic_terms
+
+#: Singular values below this fraction of the largest count as zero.
+RANK_TOLERANCE = 1e-9
+_PROBES = 2**13
+
+
+@dataclass(frozen=True)
+class ModelRank:
+    """How well a polynomial model in the joint positions can be told from the examples.
+
+    Attributes:
+        rank: independent terms.
+        terms: terms of the model.
+        condition: largest over smallest singular value that counts, joints on [-1, 1].
+    """
+
+    rank: int
+    terms: int
+    condition: float
+
+
+@dataclass(frozen=True)
+class DesignDiagnostics:
+    """Diagnostics of a design, in joint positions scaled to [-1, 1] over the joint box.
+
+    Attributes:
+        examples: distinct examples.
+        linear: constant and joint positions.
+        quadratic: these, squares and products.
+        blind_interactions: pairs of joint names whose product can't be told from other products
+            of two joints by these examples, whatever the robot.
+        largest_empty_ball: radius of the largest ball inside the box that holds no example,
+            relative to half the diagonal of the box; found among many probes, so a lower bound.
+    """
+
+    examples: int
+    linear: ModelRank
+    quadratic: ModelRank
+    blind_interactions: tuple[tuple[str, str], ...]
+    largest_empty_ball: float
+
+
+def diagnose(joint_positions: FloatArray, box: JointLimits) -> DesignDiagnostics:
+    """Diagnose a design.
+
+    Args:
+        joint_positions: ``(n, dof)`` inside the box.
+        box: the joint box; a locked joint takes no part.
+    """
+    width = box.upper - box.lower
+    free = np.flatnonzero(width > 0)
+    scaled = 2.0 * (joint_positions[:, free] - box.lower[free]) / width[free] - 1.0
+    terms = quadratic_terms(len(free))
+    columns = np.stack([np.prod(scaled[:, list(term)], axis=1) for term in terms], axis=1)
+    linear = [index for index, term in enumerate(terms) if len(term) < 2]
+    names = [box.joint_names[joint] for joint in free]
+    unseen = _unidentifiable(columns)
+    return DesignDiagnostics(
+        examples=len(np.unique(joint_positions, axis=0)),
+        linear=_rank(columns[:, linear]),
+        quadratic=_rank(columns),
+        blind_interactions=tuple(
+            (names[first], names[second])
+            for first, second in combinations(range(len(free)), 2)
+            if unseen[terms.index((first, second))]
+        ),
+        largest_empty_ball=_largest_empty_ball(scaled),
+    )
+
+
+def _rank(columns: FloatArray) -> ModelRank:
+    singular = np.linalg.svd(columns, compute_uv=False)
+    counted = singular[singular > RANK_TOLERANCE * singular[0]]
+    return ModelRank(len(counted), columns.shape[1], float(counted[0] / counted[-1]))
+
+
+def _unidentifiable(columns: FloatArray) -> list[bool]:
+    """For each term, whether some combination that vanishes on all examples contains it."""
+    _, singular, right = np.linalg.svd(columns, full_matrices=True)
+    rank = int((singular > RANK_TOLERANCE * singular[0]).sum())
+    in_null_space = np.linalg.norm(right[rank:], axis=0) > 1e-6
+    return [bool(unseen) for unseen in in_null_space]
+
+
+def _largest_empty_ball(scaled: FloatArray) -> float:
+    dof = scaled.shape[1]
+    probes = 2.0 * qmc.Sobol(dof, scramble=False).random(_PROBES) - 1.0
+    to_example = KDTree(scaled).query(probes)[0]
+    to_wall = 1.0 - np.abs(probes).max(axis=1)
+    return float(np.minimum(to_example, to_wall).max() / np.sqrt(dof))
