@@ -6,7 +6,7 @@ offset. Orientation is roll, pitch, yaw (the paper's psi, theta, phi).
 At a pitch of +-90 degrees, an edge of the paper's workspace, only the difference (or the sum) of
 roll and yaw turns the end effector: the drives of roll and yaw may move together without the pose
 changing, and no function of the pose alone can be continuous there. :class:`GantryWorkspace` then
-keeps roll and yaw as close as possible to those of the previous command, or, if there is none, to
+keeps roll and yaw as close as possible to those of the previous target, or, if there is none, to
 the middle of the workspace. It says so to the network by a pose tilted a tenth of a micro-radian
 away from the edge, where roll and yaw are unique again.
 """
@@ -24,7 +24,14 @@ from scipy.spatial.transform import Rotation
 from annik_core.errors import InvalidRobotDefinition
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
-from annik_core.robot import ForwardKinematics, ResolvedTarget, Robot, check_joint_count
+from annik_core.robot import (
+    ForwardKinematics,
+    ResolvedTarget,
+    Robot,
+    check_joint_count,
+    checked_name,
+    checked_numbers,
+)
 
 TASK_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -38,7 +45,8 @@ GIMBAL_TOLERANCE = 1e-5
 GIMBAL_TILT = 1e-7
 
 _HALF_PI = 0.5 * np.pi
-_PITCH = 4
+_FULL_TURN = 2.0 * np.pi
+_ROLL, _PITCH, _YAW = 3, 4, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,25 +111,33 @@ class GantryWorkspace:
     lower: FloatArray
     upper: FloatArray
 
-    def resolve(self, pose: FloatArray, previous: FloatArray | None) -> ResolvedTarget:
-        """See :meth:`annik_core.robot.Workspace.resolve`."""
+    def reference(self, joint_positions: FloatArray) -> FloatArray:
+        """Roll, pitch, yaw ``(3,)`` [rad] at joint positions ``(6,)``."""
+        task = self.kinematics.task_coordinates(joint_positions[np.newaxis])
+        return task[0, 3:]
+
+    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
+        """See :meth:`annik_core.robot.Workspace.resolve`; the reference is roll, pitch, yaw."""
         with warnings.catch_warnings():
             # SciPy warns of the very case that is handled below.
             warnings.simplefilter("ignore", UserWarning)
             roll_pitch_yaw = Rotation.from_quat(pose[3:]).as_euler("xyz")
         if _HALF_PI - abs(roll_pitch_yaw[1]) < GIMBAL_TOLERANCE:
-            if previous is None:
+            if reference is None:
                 reference = 0.5 * (self.lower[3:] + self.upper[3:])
-            else:
-                reference = self.kinematics.task_coordinates(previous[np.newaxis])[0, 3:]
             roll_pitch_yaw = _tilted_off_the_edge(
                 roll_pitch_yaw, reference, self.lower[3:], self.upper[3:]
             )
             pose = pose_from_roll_pitch_yaw(pose[:3], roll_pitch_yaw)
-        return ResolvedTarget(pose, self._violation(np.concatenate([pose[:3], roll_pitch_yaw])))
+        violation = self._violation(np.concatenate([pose[:3], roll_pitch_yaw]))
+        return ResolvedTarget(pose, violation, roll_pitch_yaw)
 
     def _violation(self, task: FloatArray) -> str | None:
-        outside = (task < self.lower - EDGE_TOLERANCE) | (task > self.upper + EDGE_TOLERANCE)
+        # A rounded quaternion moves roll and yaw the more, the closer the pitch is to the edge,
+        # though it turns the end effector no further.
+        turning = EDGE_TOLERANCE / max(float(np.cos(task[_PITCH])), GIMBAL_TOLERANCE)
+        tolerance = np.array([EDGE_TOLERANCE] * 3 + [turning, EDGE_TOLERANCE, turning])
+        outside = (task < self.lower - tolerance) | (task > self.upper + tolerance)
         if not outside.any():
             return None
         axis = int(np.flatnonzero(outside)[0])
@@ -144,16 +160,21 @@ def _tilted_off_the_edge(
     # At the edge only this combination turns the end effector; it is known up to full turns.
     combined = yaw - side * roll
     wanted = reference[2] - side * reference[0]
-    combined += 2 * np.pi * np.round((wanted - combined) / (2 * np.pi))
-    correction = 0.5 * (combined - wanted)
-    nearest_roll = reference[0] - side * correction
-    # The rolls that keep both angles inside, yaw being combined + side * roll.
-    yaw_bounds = sorted((side * (lower[2] - combined), side * (upper[2] - combined)))
-    least, greatest = max(lower[0], yaw_bounds[0]), min(upper[0], yaw_bounds[1])
-    if least <= greatest + EDGE_TOLERANCE:
-        nearest_roll = min(max(nearest_roll, least), greatest)
+    nearest = combined + _FULL_TURN * np.round((wanted - combined) / _FULL_TURN)
+    candidates = []
+    for turned in nearest + _FULL_TURN * np.array([0.0, -1.0, 1.0]):
+        candidate_roll = reference[0] - side * 0.5 * (turned - wanted)
+        # The rolls that keep both angles inside, yaw being turned + side * roll.
+        yaw_bounds = sorted((side * (lower[2] - turned), side * (upper[2] - turned)))
+        least, greatest = max(lower[0], yaw_bounds[0]), min(upper[0], yaw_bounds[1])
+        inside = least <= greatest + EDGE_TOLERANCE
+        if inside:
+            candidate_roll = min(max(candidate_roll, least), greatest)
+        distance = abs(candidate_roll - reference[0])
+        candidates.append((not inside, distance, candidate_roll, turned))
+    _, _, roll, combined = min(candidates)
     tilted = min(abs(pitch), _HALF_PI - GIMBAL_TILT)
-    return np.array([nearest_roll, side * tilted, combined + side * nearest_roll])
+    return np.array([roll, side * tilted, combined + side * roll])
 
 
 def gantry_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
@@ -170,21 +191,25 @@ def gantry_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     """
     try:
         joints = list(definition["joints"])
-        names = tuple(str(joint["name"]) for joint in joints)
-        limits = np.array([joint["limits"] for joint in joints], dtype=np.float64)
-        box = np.array([joint["box"] for joint in joints], dtype=np.float64)
-        ratio = np.array([joint["ratio"] for joint in joints], dtype=np.float64)
-        offset = np.array([joint["offset"] for joint in joints], dtype=np.float64)
-        name = str(definition["name"])
-        base_frame = str(definition["base_frame"])
-        end_effector_frame = str(definition["end_effector_frame"])
+        names = tuple(checked_name(joint["name"], "a joint's name", source) for joint in joints)
+        limits, box, ratio, offset = (
+            checked_numbers([joint[key] for joint in joints], key, source)
+            for key in ("limits", "box", "ratio", "offset")
+        )
+        name, base_frame, end_effector_frame = (
+            checked_name(definition[key], key, source)
+            for key in ("name", "base_frame", "end_effector_frame")
+        )
     except KeyError as error:
         raise InvalidRobotDefinition(source, f"{error} is missing") from error
-    except (TypeError, ValueError) as error:
+    except TypeError as error:
         raise InvalidRobotDefinition(source, f"malformed: {error}") from error
-    if len(joints) != 6 or limits.shape != (6, 2) or box.shape != (6, 2):
+    shapes = [entry.shape for entry in (limits, box, ratio, offset)]
+    if shapes != [(6, 2), (6, 2), (6,), (6,)]:
         raise InvalidRobotDefinition(
-            source, "a gantry has six joints, each with 'limits' and 'box' as [lower, upper]"
+            source,
+            "a gantry has six joints, each with 'limits' and 'box' as [lower, upper], 'ratio' "
+            "and 'offset' as one number",
         )
     if len(set(names)) != len(names):
         raise InvalidRobotDefinition(source, f"joint names are not unique: {', '.join(names)}")
@@ -195,11 +220,19 @@ def gantry_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     if not (joint_limits.contains(joint_box.lower) and joint_limits.contains(joint_box.upper)):
         raise InvalidRobotDefinition(source, "a joint's box is not inside its limits")
     kinematics = GantryKinematics(names, ratio, offset)
-    corners = kinematics.task_coordinates(np.stack([joint_box.lower, joint_box.upper]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        corners = kinematics.task_coordinates(np.stack([joint_box.lower, joint_box.upper]))
+    if not np.isfinite(corners).all():
+        raise InvalidRobotDefinition(source, "a ratio or offset is too large: no finite workspace")
     workspace = GantryWorkspace(kinematics, corners.min(axis=0), corners.max(axis=0))
     if max(abs(workspace.lower[_PITCH]), abs(workspace.upper[_PITCH])) > _HALF_PI + 1e-9:
         raise InvalidRobotDefinition(
             source, "the pitch leaves [-90, 90] degrees: beyond it roll and yaw are not unique"
+        )
+    if np.abs(corners[:, [_ROLL, _YAW]]).max() > np.pi + 1e-9:
+        # A pose does not tell an angle from the same after a full turn.
+        raise InvalidRobotDefinition(
+            source, "the roll or yaw leaves [-180, 180] degrees: poses beyond it would be refused"
         )
     return Robot(
         name=name,

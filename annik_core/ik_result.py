@@ -36,6 +36,8 @@ class IkResult:
         newton_steps: refinement steps taken; 0 in network mode.
         reason: one line saying why it was refused, with the value and the allowed range; empty on
             success.
+        reference: what to give the workspace with the next target, so that it stays on this
+            solution where the pose leaves a choice; None if refused.
     """
 
     status: IkStatus
@@ -44,6 +46,7 @@ class IkResult:
     orientation_residual: float
     newton_steps: int
     reason: str
+    reference: FloatArray | None = None
 
     @property
     def accepted(self) -> bool:

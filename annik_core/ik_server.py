@@ -53,7 +53,7 @@ class IkServer:
         """Serve with ``solver``; ``clock`` [s] measures solve times and never goes back."""
         self.solver = solver
         self._clock = clock
-        self._previous: FloatArray | None = None
+        self._previous: IkResult | None = None
         self._statistics = SolveStatistics(clock())
 
     def answer(self, pose: FloatArray, frame_id: str = "") -> Answer:
@@ -72,7 +72,7 @@ class IkServer:
         self._statistics.record(result, self._clock() - start)
         if not result.accepted or result.joint_positions is None:
             return Answer(result, None)
-        self._previous = result.joint_positions
+        self._previous = result
         return Answer(result, Command(checked_pose(pose), result.joint_positions))
 
     def load_model(self, path: str | Path) -> None:

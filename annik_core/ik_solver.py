@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,14 +47,14 @@ class IkSolver:
         """The robot that the model was trained for."""
         return self.artifact.robot
 
-    def solve(self, pose: ArrayLike, previous: FloatArray | None = None) -> IkResult:
+    def solve(self, pose: ArrayLike, previous: IkResult | FloatArray | None = None) -> IkResult:
         """Joint positions that reach one pose.
 
         Args:
             pose: ``(7,)`` x, y, z [m], unit quaternion x, y, z, w, in the robot's base frame.
-            previous: joint positions ``(dof,)`` last commanded [rad or m], if any. The joint step
-                is measured from them, and where the pose leaves a choice the answer stays close to
-                them. They must be finite.
+            previous: the accepted answer to the target before, or, at first, the joint positions
+                ``(dof,)`` [rad or m] where the robot is. The joint step is measured from it, and
+                where the pose leaves a choice the answer stays close to it.
 
         Returns:
             The answer or the refusal. Never raises for a bad target of seven numbers.
@@ -68,15 +68,27 @@ class IkSolver:
             return IkResult.refused(IkStatus.NOT_FINITE, str(error))
         except NotUnitQuaternion as error:
             return IkResult.refused(IkStatus.NOT_UNIT_QUATERNION, str(error))
-        resolved = self.robot.workspace.resolve(target, previous)
+        reference, previous_positions = self._remembered(previous)
+        resolved = self.robot.workspace.resolve(target, reference)
         if resolved.violation is not None:
             return IkResult.refused(IkStatus.OUTSIDE_WORKSPACE, resolved.violation)
         joint_positions = self.artifact.joint_positions(resolved.pose[np.newaxis])[0]
-        return self._accepted_or_refused(target, joint_positions, previous)
+        result = self._accepted_or_refused(target, joint_positions, previous_positions)
+        return replace(result, reference=resolved.reference) if result.accepted else result
 
     def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
         """Answers to many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them."""
         return [self.solve(pose) for pose in np.asarray(poses, dtype=np.float64)]
+
+    def _remembered(
+        self, previous: IkResult | FloatArray | None
+    ) -> tuple[FloatArray | None, FloatArray | None]:
+        """Reference and joint positions of what came before."""
+        if previous is None:
+            return None, None
+        if isinstance(previous, IkResult):
+            return previous.reference, previous.joint_positions
+        return self.robot.workspace.reference(previous), previous
 
     def _accepted_or_refused(
         self, target: FloatArray, joint_positions: FloatArray, previous: FloatArray | None

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
-from annik_core.errors import WrongJointCount
+import numpy as np
+
+from annik_core.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
 
@@ -38,22 +40,34 @@ class ResolvedTarget(NamedTuple):
             (a singularity of the robot's orientation axes), a pose within 20 micro-radians of
             it that only one of them reaches.
         violation: what is outside which bound, or None if the target is in the workspace.
+        reference: which of several solutions is meant; see :class:`Workspace`.
     """
 
     pose: FloatArray
     violation: str | None
+    reference: FloatArray
 
 
 class Workspace(Protocol):
-    """The poses that the robot is meant to reach."""
+    """The poses that the robot is meant to reach.
 
-    def resolve(self, pose: FloatArray, previous: FloatArray | None) -> ResolvedTarget:
+    Where a pose leaves a choice between joint positions, a *reference* says which are meant: an
+    array whose content only the workspace knows. Each resolved target gives the reference for the
+    next. It is exact, unlike the network's answer, by which small errors would add up while the
+    robot holds one pose.
+    """
+
+    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
         """Check a target ``(7,)`` and make it unambiguous.
 
         Args:
             pose: a checked pose.
-            previous: joint positions ``(dof,)`` to stay close to where the pose leaves a choice.
+            reference: what to stay close to where the pose leaves a choice, if anything.
         """
+        ...
+
+    def reference(self, joint_positions: FloatArray) -> FloatArray:
+        """The reference by which these joint positions ``(dof,)`` are the ones meant."""
         ...
 
 
@@ -97,6 +111,58 @@ class Robot:
         """SHA-256 of the definition, to recognise the robot by: two equal robots, one hash."""
         text = json.dumps(self.definition, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def checked_name(value: object, what: str, source: str) -> str:
+    """A name or a frame of a definition.
+
+    Args:
+        value: as read.
+        what: what to call the entry in an error.
+        source: what to call the definition in an error.
+
+    Raises:
+        InvalidRobotDefinition: if it is not text, is blank, or can't be printed or sent.
+    """
+    if not isinstance(value, str) or not value.strip() or not value.isprintable():
+        raise InvalidRobotDefinition(source, f"{what} is {value!r}: not a name")
+    return value
+
+
+def checked_numbers(value: object, what: str, source: str) -> FloatArray:
+    """A number of a definition, or nested lists of numbers, as an array.
+
+    Args:
+        value: as read.
+        what: what to call the entry in an error.
+        source: what to call the definition in an error.
+
+    Raises:
+        InvalidRobotDefinition: if it holds anything else, differs in length from row to row, or
+            does not fit into a double.
+    """
+    if not is_numeric(value):
+        raise InvalidRobotDefinition(source, f"{what}: text, true, false or nothing for a number")
+    try:
+        return np.array(value, dtype=np.float64)
+    except (OverflowError, ValueError) as error:
+        raise InvalidRobotDefinition(source, f"{what}: malformed ({error})") from error
+
+
+def is_numeric(value: object) -> bool:
+    """Whether it is a number or nested lists of numbers.
+
+    NumPy also makes numbers of text and of true and false, which are slips in a file.
+    """
+    # Without recursion: the lists of a file may be nested arbitrarily deep.
+    remaining = [value]
+    while remaining:
+        item = remaining.pop()
+        if isinstance(item, (list, tuple)):
+            remaining.extend(item)
+        elif isinstance(item, bool) or not isinstance(item, (int, float)):
+            return False
+    return True
 
 
 def check_joint_count(joint_positions: FloatArray, joint_names: tuple[str, ...]) -> None:

@@ -6,7 +6,8 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn
@@ -14,6 +15,9 @@ from typing import NoReturn
 from annik_core.errors import AnnikError
 
 _POLL_PERIOD = 0.02
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+_running: list[ChildProcess] = []
 
 
 class ChildProcessFailed(AnnikError):
@@ -39,7 +43,7 @@ class ChildProcess:
     def __init__(self, command: Sequence[str], log: Path, environment: Mapping[str, str]) -> None:
         self.name = log.stem
         self._log = log
-        with log.open("wb") as output:
+        with log.open("wb") as output, _signals_deferred():
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -48,6 +52,7 @@ class ChildProcess:
                 env=dict(environment),
                 start_new_session=True,
             )
+            _running.append(self)
 
     def __enter__(self) -> ChildProcess:
         """The process itself."""
@@ -60,7 +65,7 @@ class ChildProcess:
         traceback: TracebackType | None,
     ) -> None:
         """End the process and all that it started."""
-        self._end_group()
+        self.end()
 
     def wait_for_text(self, text: str, timeout: float) -> None:
         """Wait until the process has printed ``text``.
@@ -104,7 +109,8 @@ class ChildProcess:
         ended = f" (it ended with exit code {code})" if code is not None else ""
         raise ChildProcessFailed(self.name, problem + ended, self._log)
 
-    def _end_group(self) -> None:
+    def end(self) -> None:
+        """End the process and all that it started, by force if it does not heed a SIGTERM."""
         for signal_number in (signal.SIGTERM, signal.SIGKILL):
             try:
                 os.killpg(self._process.pid, signal_number)
@@ -114,15 +120,42 @@ class ChildProcess:
             except subprocess.TimeoutExpired:
                 continue
         self._process.wait()
+        if self in _running:
+            _running.remove(self)
+
+
+def end_all() -> None:
+    """End every process that a signal kept from being ended by its own context."""
+    for process in tuple(_running):
+        process.end()
+
+
+@contextmanager
+def _signals_deferred() -> Iterator[None]:
+    """Act on SIGINT and SIGTERM at the end: amid a start, the process would be lost."""
+    received: list[int] = []
+    handlers = {number: signal.getsignal(number) for number in _SIGNALS}
+    for number in _SIGNALS:
+        signal.signal(number, lambda number, frame: received.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for received_number in received:
+            signal.raise_signal(received_number)
 
 
 def wait_until(
-    condition: Callable[[], bool], timeout: float, worth_waiting: Callable[[], bool] = lambda: True
+    condition: Callable[[], bool],
+    timeout: float,
+    worth_waiting: Callable[[], bool] = lambda: True,
+    period: float = _POLL_PERIOD,
 ) -> bool:
-    """Poll a condition; whether it came true within ``timeout`` seconds, while worth it."""
+    """Whether a condition, looked at every ``period`` [s], comes true in ``timeout`` [s]."""
     deadline = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > deadline or not worth_waiting():
             return condition()
-        time.sleep(_POLL_PERIOD)
+        time.sleep(period)
     return True

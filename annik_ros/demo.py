@@ -11,16 +11,18 @@ import argparse
 import json
 import os
 import shutil
+import signal
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import Any, NoReturn
 
 from rich.console import Console
 
 from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import AnnikError
-from annik_ros.child_process import ChildProcess, wait_until
+from annik_ros.child_process import ChildProcess, end_all, wait_until
 from msg_tools.bag_reader import read_bag
 from msg_tools.report import write_report
 from msg_tools.report_table import print_report
@@ -31,6 +33,8 @@ POINTS = 141
 RATE = 50.0
 STEPS = 6
 
+#: Its presence says that the folder may be emptied.
+_MARKER = ".annik_demo"
 _START_TIMEOUT = 30.0
 _END_TIMEOUT = 10.0
 _TRAINING_TIMEOUT = 600.0
@@ -41,7 +45,7 @@ def run_demo(folder: Path, console: Console) -> dict[str, Any]:
 
     Args:
         folder: gets ``model.onnx``, ``bag/``, ``report.html``, pictures, ``results.json`` and the
-            ``logs/`` of the processes; what an earlier demo left there is removed.
+            ``logs/`` of the processes. What an earlier demo left there is removed.
         console: told of the progress.
 
     Returns:
@@ -114,7 +118,7 @@ def _drive(model: Path, bag: Path, logs: Path, console: Console) -> None:
             wait_for_subscribers=2,
         )
         publisher.wait(_START_TIMEOUT + POINTS / RATE + _END_TIMEOUT)
-        wait_until(lambda: _recorded_errors(bag) >= POINTS, _END_TIMEOUT)
+        wait_until(lambda: _recorded_errors(bag) >= POINTS, _END_TIMEOUT, period=0.2)
         for process in (recorder, robot, solver):
             process.interrupt(_END_TIMEOUT)
 
@@ -131,12 +135,24 @@ def _python(module: str) -> list[str]:
 
 
 def _empty(folder: Path) -> None:
+    """Make the folder, or empty it if an earlier demo made it; never delete anything else."""
+    marker = folder / _MARKER
     try:
-        if folder.exists():
+        if folder.exists() and any(folder.iterdir()):
+            if not marker.is_file():
+                raise AnnikError(
+                    f"{folder} holds files that are not of a demo: give --out another folder"
+                )
             shutil.rmtree(folder)
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        marker.touch()
     except OSError as error:
         raise AnnikError(f"{folder} can't be emptied: {error.strerror}") from error
+
+
+def _on_termination(signal_number: int, frame: FrameType | None) -> NoReturn:
+    # An exception, so that the processes started are ended on the way out.
+    raise SystemExit(128 + signal_number)
 
 
 def main() -> int:
@@ -145,11 +161,16 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("build/demo"), help="folder to fill")
     folder = parser.parse_args().out
     console = Console()
+    signal.signal(signal.SIGTERM, _on_termination)
     try:
         run_demo(folder, console)
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
     except AnnikError as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
+    finally:
+        end_all()
     console.print(f"report: {folder / 'report.html'}   bag: {folder / 'bag'}")
     return 0
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.errors import InvalidTrainingOption, TooFewExamples
 from annik_training.dataset import Dataset
@@ -20,13 +21,13 @@ class Fold:
         network: trained on the other folds.
         training_error: on the other folds.
         validation_error: on this fold.
-        validation_examples: how many examples it has.
+        validation: indices of its examples.
     """
 
     network: InverseKinematicsNetwork
     training_error: float
     validation_error: float
-    validation_examples: int
+    validation: NDArray[np.int64]
 
 
 def cross_validate(dataset: Dataset, folds: int, options: FitOptions) -> tuple[Fold, ...]:
@@ -55,5 +56,5 @@ def cross_validate(dataset: Dataset, folds: int, options: FitOptions) -> tuple[F
         network, restart = fit_once(
             dataset, poses, others, part, options, number, np.random.default_rng(start_seed)
         )
-        results.append(Fold(network, restart.training_error, restart.held_out_error, len(part)))
+        results.append(Fold(network, restart.training_error, restart.held_out_error, part))
     return tuple(results)

@@ -157,7 +157,7 @@ def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ArtifactMetadata
         design=dataset.design,
         design_options=dict(dataset.design_options),
         examples=len(dataset),
-        held_out_examples=fitted.held_out_examples,
+        held_out_examples=len(fitted.held_out),
         dataset_hash=dataset.content_hash,
         seed=fitted.options.seed,
         winning_restart=fitted.winner,

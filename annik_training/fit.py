@@ -90,7 +90,7 @@ class FittedNetwork:
         options: how.
         restarts: every start.
         winner: which one won.
-        held_out_examples: how many examples only chose it.
+        held_out: indices of the examples that only chose it.
         seconds: wall time of the fit.
     """
 
@@ -99,7 +99,7 @@ class FittedNetwork:
     options: FitOptions
     restarts: tuple[Restart, ...]
     winner: int
-    held_out_examples: int
+    held_out: NDArray[np.int64]
     seconds: float
 
 
@@ -127,7 +127,8 @@ def fit(
     begin = time.perf_counter()
     split_seed, *start_seeds = np.random.SeedSequence(options.seed).spawn(options.restarts + 1)
     order = np.random.default_rng(split_seed).permutation(len(dataset))
-    held_out = max(1, round(options.held_out_fraction * len(dataset)))
+    held_out_count = max(1, round(options.held_out_fraction * len(dataset)))
+    held_out, training = order[:held_out_count], order[held_out_count:]
     poses = network_poses(dataset)
     best: InverseKinematicsNetwork | None = None
     restarts: list[Restart] = []
@@ -135,8 +136,8 @@ def fit(
         network, restart = fit_once(
             dataset,
             poses,
-            order[held_out:],
-            order[:held_out],
+            training,
+            held_out,
             options,
             number,
             np.random.default_rng(start_seed),
@@ -179,7 +180,7 @@ def fit_once(
         number: which start this is.
         rng: what the start is drawn from.
     """
-    network = untrained_network(dataset.robot, poses, options)
+    network = untrained_network(dataset.robot, poses[training], options)
     network.hidden.initialise(rng)
     inputs, targets = scaled_examples(network, poses, dataset.joint_positions)
     with _one_thread():
@@ -206,10 +207,10 @@ def network_poses(dataset: Dataset) -> FloatArray:
     Where a pose leaves the choice between several joint positions, it is made unambiguous by the
     example's own, just as the solver does by the previous command.
     """
-    resolve = dataset.robot.workspace.resolve
+    workspace = dataset.robot.workspace
     return np.array(
         [
-            resolve(pose, joint_positions).pose
+            workspace.resolve(pose, workspace.reference(joint_positions)).pose
             for pose, joint_positions in zip(dataset.poses, dataset.joint_positions, strict=True)
         ]
     )

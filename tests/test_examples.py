@@ -6,17 +6,24 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
-def test_solve_without_ros() -> None:
+def test_use_model_without_ros() -> None:
+    """Its answer is that of the paper's equations (3)-(4)."""
     result = subprocess.run(
-        [sys.executable, "examples/solve_without_ros.py"],
+        [sys.executable, "examples/use_model_without_ros.py"],
         cwd=ROOT,
         capture_output=True,
         text=True,
         timeout=60,
     )
     assert result.returncode == 0, result.stderr
-    assert "x_drive_joint: 0." in result.stdout
-    assert "refused: z is 1.65 m, the workspace is [0.5, 0.8] m" in result.stdout
+    lines = dict(line.split(": ") for line in result.stdout.splitlines())
+    degrees = [np.degrees(float(value.removesuffix(" rad"))) for value in lines.values()]
+    yaw = np.degrees(0.5)
+    assert degrees == pytest.approx([35, 35, 35, 20, 20, (yaw + 60) / 3], abs=1e-3)
+    assert next(iter(lines)) == "x_drive_joint"

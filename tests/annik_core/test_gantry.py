@@ -155,7 +155,7 @@ class TestGimbalEdge:
         task = np.concatenate([[0.3, 0.3, 0.6], angles])
         previous = kinematics.joint_positions(task[np.newaxis])[0]
         pose = kinematics.poses(previous[np.newaxis])[0]
-        resolved = gantry.workspace.resolve(pose, previous)
+        resolved = gantry.workspace.resolve(pose, gantry.workspace.reference(previous))
         assert resolved.violation is None
         expected = pose_from_roll_pitch_yaw(task[:3], [angles[0], angles[1] - 1e-7, angles[2]])
         position, rotation = pose_difference(expected, resolved.pose)
@@ -171,6 +171,58 @@ class TestGimbalEdge:
         pose = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], angles)
         resolved = gantry.workspace.resolve(pose, None)
         assert resolved.violation is None
+        _, rotation = pose_difference(pose, resolved.pose)
+        assert np.linalg.norm(rotation) < 2e-5
+
+    @given(st.sampled_from([0.0, 90.0]), st.sampled_from([0.0, 90.0]), st.data())
+    def test_whatever_came_before_a_reachable_edge_pose_is_inside(
+        self, gantry: Robot, roll_deg: float, yaw_deg: float, data: st.DataObject
+    ) -> None:
+        """From corner to corner, with a quaternion that is rounded as any is."""
+        limits = gantry.joint_limits
+        bounds = zip(limits.lower, limits.upper, strict=True)
+        previous = np.array([data.draw(st.floats(low, high)) for low, high in bounds])
+        position = [data.draw(st.floats(0.2, 0.5)), 0.3, 0.6]
+        pose = pose_from_roll_pitch_yaw(position, np.radians([roll_deg, 90.0, yaw_deg]))
+        resolved = gantry.workspace.resolve(pose, gantry.workspace.reference(previous))
+        assert resolved.violation is None
+
+    def test_holding_a_pose_never_creeps(self, gantry: Robot) -> None:
+        """The reference of one answer, given with the next target, is kept to rounding."""
+        angles = np.radians([20.0, 90.0, 70.0])
+        pose = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], angles)
+        reference = angles
+        for _ in range(10_000):
+            reference = gantry.workspace.resolve(pose, reference).reference
+        assert reference[[0, 2]] == pytest.approx(angles[[0, 2]], abs=1e-9)
+
+    @given(st.floats(89, 90), st.sampled_from([0.0, 90.0]), st.sampled_from([0.0, 90.0]))
+    def test_a_quaternion_in_single_precision_is_no_reason_to_refuse(
+        self, gantry: Robot, pitch_deg: float, roll_deg: float, yaw_deg: float
+    ) -> None:
+        """On the faces of the workspace, however close to the edge."""
+        pose = pose_from_roll_pitch_yaw(
+            [0.3, 0.3, 0.6], np.radians([roll_deg, pitch_deg, yaw_deg])
+        )
+        rounded = pose.copy()
+        rounded[3:] = pose[3:].astype(np.float32)
+        rounded[3:] /= np.linalg.norm(rounded[3:])
+        assert gantry.workspace.resolve(rounded, None).violation is None
+
+    @given(st.floats(-90, 0), st.floats(0, 90))
+    def test_the_edge_on_the_other_side(
+        self, gantry: Robot, roll_deg: float, yaw_deg: float
+    ) -> None:
+        """At -90 degrees the sum of roll and yaw turns the end effector, not the difference."""
+        joints = [dict(joint) for joint in gantry.definition["joints"]]
+        joints[3]["offset"] = np.radians(-150.0)
+        joints[4]["offset"] = np.radians(-150.0)
+        other = robot_from_definition({**gantry.definition, "joints": joints}, "test")
+        angles = np.radians([roll_deg, -90.0, yaw_deg])
+        pose = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], angles)
+        resolved = other.workspace.resolve(pose, angles)
+        assert resolved.violation is None
+        assert resolved.reference[[0, 2]] == pytest.approx(angles[[0, 2]], abs=1e-9)
         _, rotation = pose_difference(pose, resolved.pose)
         assert np.linalg.norm(rotation) < 2e-5
 

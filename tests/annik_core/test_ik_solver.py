@@ -17,7 +17,7 @@ from annik_core.acceptance import AcceptanceLimits, InvalidAcceptanceLimit
 from annik_core.artifact import default_model_path
 from annik_core.errors import WrongShape
 from annik_core.gantry import GantryKinematics
-from annik_core.ik_result import IkStatus
+from annik_core.ik_result import IkResult, IkStatus
 from annik_core.ik_solver import IkSolver
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 from annik_core.robot import Robot
@@ -212,15 +212,15 @@ class TestContinuityAtTheGimbalEdge:
     @staticmethod
     def follow(packaged: IkSolver, roll_pitch_yaw_deg: FloatArray) -> FloatArray:
         """Joint positions [degrees] along a path of orientations, each from the one before."""
-        previous: FloatArray | None = None
+        previous: IkResult | None = None
         rows = []
         for angles in np.radians(roll_pitch_yaw_deg):
             pose = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], angles)
             result = packaged.solve(pose, previous)
             assert result.joint_positions is not None, result.reason
             assert result.orientation_residual < 1e-3
-            previous = result.joint_positions
-            rows.append(previous)
+            previous = result
+            rows.append(result.joint_positions)
         return np.degrees(rows)
 
     @pytest.mark.parametrize(("roll", "yaw"), [(10.0, 80.0), (80.0, 10.0), (30.0, 30.0), (0, 0)])
@@ -234,6 +234,22 @@ class TestContinuityAtTheGimbalEdge:
         assert np.abs(np.diff(joints, axis=0)).max() < 0.08
         assert joints[:, 3] == pytest.approx((roll + 60) / 3, abs=0.02)
         assert joints[:, 5] == pytest.approx((yaw + 60) / 3, abs=0.02)
+
+    def test_holding_a_pose_on_the_edge(self, packaged: IkSolver) -> None:
+        """The same target again and again gives the same joint positions."""
+        path = np.tile([5.0, 90.0, 85.0], (1000, 1))
+        joints = self.follow(packaged, np.vstack([[5.0, 89.9, 85.0], path]))
+        assert np.ptp(joints[1:], axis=0).max() < 1e-9
+
+    def test_the_residual_is_measured_against_the_target_itself(self, gantry: Robot) -> None:
+        """Not against the pose that stands in for it on the edge."""
+        kinematics = gantry.forward_kinematics
+        assert isinstance(kinematics, GantryKinematics)
+        tilted = np.array([[0.3, 0.3, 0.6, 0.7, np.pi / 2 - 1e-7, 0.7]])
+        answer = kinematics.joint_positions(tilted)
+        target = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], [0.7, np.pi / 2, 0.7])
+        result = solver(gantry, lambda poses: answer.copy()).solve(target)
+        assert result.orientation_residual == pytest.approx(1e-7, rel=0.2)
 
     def test_along_the_edge(self, packaged: IkSolver) -> None:
         """Turning at a pitch of 90 degrees moves roll and yaw evenly."""

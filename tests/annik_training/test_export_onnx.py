@@ -117,6 +117,36 @@ def test_a_graph_that_computes_something_else_is_not_written(
             bias -= 1e-7
 
 
+def test_export_proves_the_file_before_it_writes(
+    fitted: FittedNetwork, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """An exporter that gets one bias wrong leaves no file."""
+    right = export_onnx.to_onnx(fitted.network)
+
+    def wrong(network: object) -> onnx.ModelProto:
+        bias = next(t for t in right.graph.initializer if t.name == "output.bias")
+        array = onnx.numpy_helper.to_array(bias) + 1e-7
+        bias.CopyFrom(onnx.numpy_helper.from_array(array, bias.name))
+        return right
+
+    monkeypatch.setattr(export_onnx, "to_onnx", wrong)
+    unseen = evaluation_dataset(fitted.dataset.robot, 0)
+    evaluation = evaluate(fitted.network.joint_positions, unseen)
+    with pytest.raises(ExportMismatch):
+        export_onnx.export_model(fitted, evaluation, tmp_path / "model.onnx")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_training_evaluates_on_poses_it_was_not_trained_on(
+    dataset: Dataset, tmp_path: Path
+) -> None:
+    result = train(dataset, tmp_path / "model.onnx", OPTIONS)
+    unseen = evaluation_dataset(dataset.robot, OPTIONS.seed)
+    assert result.evaluation == evaluate(result.fitted.network.joint_positions, unseen)
+    assert len(unseen) == result.evaluation.examples == 5000
+    assert not set(map(tuple, unseen.poses)) & set(map(tuple, dataset.poses))
+
+
 def test_a_place_that_can_not_be_written(dataset: Dataset, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(ArtifactNotWritable, match="check the folder"):

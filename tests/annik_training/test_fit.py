@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -13,8 +15,8 @@ from annik_core.robot import Robot
 from annik_training.cross_validation import cross_validate
 from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
 from annik_training.evaluation import ErrorSummary, evaluate
-from annik_training.fit import FitOptions, fit
-from annik_training.network import HiddenLayers, Scaling
+from annik_training.fit import FitOptions, fit, network_poses
+from annik_training.network import HiddenLayers, InverseKinematicsNetwork, Scaling
 from annik_training.separable_least_squares import SeparableProblem, fit_separable
 
 QUICK = FitOptions(restarts=2, max_evaluations=8)
@@ -93,20 +95,47 @@ def test_the_winner_has_the_smallest_held_out_error(dataset: Dataset) -> None:
     assert tuple(told) == fitted.restarts
     errors = [restart.held_out_error for restart in fitted.restarts]
     assert fitted.winner == int(np.argmin(errors))
-    assert fitted.held_out_examples == 15
+    assert len(fitted.held_out) == 15
+
+
+def scaled_error(network: InverseKinematicsNetwork, dataset: Dataset, rows: np.ndarray) -> float:
+    """Mean square error of a network on some examples, in scaled joint units."""
+    answer = network.joint_positions(network_poses(dataset)[rows])
+    half_width = 0.5 * (dataset.robot.joint_box.upper - dataset.robot.joint_box.lower)
+    return float(np.mean(((answer - dataset.joint_positions[rows]) / half_width) ** 2))
+
+
+def corrupted(dataset: Dataset, rows: np.ndarray) -> Dataset:
+    """The dataset with some of its examples replaced by the centre of the box."""
+    joint_positions = dataset.joint_positions.copy()
+    joint_positions[rows] = dataset.robot.joint_box.centre
+    poses = dataset.poses.copy()
+    poses[rows] = dataset.robot.forward_kinematics.poses(joint_positions[rows])
+    return replace(dataset, joint_positions=joint_positions, poses=poses)
 
 
 def test_the_winner_is_the_network_that_is_returned(dataset: Dataset) -> None:
-    """Alone, the winning start gives the same network."""
-    options = FitOptions(restarts=3, max_evaluations=4)
+    """Its errors are those of the winning start, on the held-out examples and on the others."""
+    fitted = fit(dataset, FitOptions(restarts=4, max_evaluations=4))
+    winner = fitted.restarts[fitted.winner]
+    others = np.setdiff1d(np.arange(len(dataset)), fitted.held_out)
+    held_out_error = scaled_error(fitted.network, dataset, fitted.held_out)
+    assert held_out_error == pytest.approx(winner.held_out_error, rel=1e-6)
+    training_error = scaled_error(fitted.network, dataset, others)
+    assert training_error == pytest.approx(winner.training_error, rel=1e-6)
+
+
+def test_held_out_examples_have_no_part_in_a_start(dataset: Dataset) -> None:
+    """Other held-out examples, the same network bit for bit."""
+    options = FitOptions(restarts=1, max_evaluations=4)
     fitted = fit(dataset, options)
-    errors = []
-    for example in range(len(dataset)):
-        answer = fitted.network.joint_positions(dataset.poses[example : example + 1])
-        errors.append(answer - dataset.joint_positions[example])
-    assert np.isfinite(errors).all()
-    best = min(restart.held_out_error for restart in fitted.restarts)
-    assert fitted.restarts[fitted.winner].held_out_error == best
+    again = fit(corrupted(dataset, fitted.held_out), options)
+    assert np.array_equal(again.held_out, fitted.held_out)
+    poses = dataset.poses[:20]
+    assert np.array_equal(
+        fitted.network.joint_positions(poses), again.network.joint_positions(poses)
+    )
+    assert again.restarts[0].held_out_error != fitted.restarts[0].held_out_error
 
 
 def test_it_learns_the_robot_from_102_examples(gantry: Robot, dataset: Dataset) -> None:
@@ -148,8 +177,22 @@ class TestCrossValidation:
     def test_every_example_is_validated_once(self, dataset: Dataset) -> None:
         folds = cross_validate(dataset, 4, QUICK)
         assert len(folds) == 4
-        assert sum(fold.validation_examples for fold in folds) == len(dataset)
+        assert sorted(np.concatenate([fold.validation for fold in folds])) == list(
+            range(len(dataset))
+        )
         assert all(np.isfinite(fold.validation_error) for fold in folds)
+
+    def test_a_fold_has_no_part_in_its_own_network(self, dataset: Dataset) -> None:
+        folds = cross_validate(dataset, 4, QUICK)
+        again = cross_validate(corrupted(dataset, folds[1].validation), 4, QUICK)
+        poses = dataset.poses[:20]
+        same = [
+            np.array_equal(
+                one.network.joint_positions(poses), other.network.joint_positions(poses)
+            )
+            for one, other in zip(folds, again, strict=True)
+        ]
+        assert same == [False, True, False, False]
 
     @pytest.mark.parametrize("folds", [1, 0, 103])
     def test_a_number_of_folds_out_of_range(self, dataset: Dataset, folds: int) -> None:
@@ -178,6 +221,14 @@ class TestEvaluation:
         assert vars(evaluation.position_error) == pytest.approx(
             dict.fromkeys(("rms", "p50", "p95", "p99", "max"), 5e-3)
         )
+
+    def test_a_known_rotation_error_is_found(self, gantry: Robot) -> None:
+        """A tenth of a degree of the yaw drive turns the end effector by 0.3 degrees."""
+        unseen = compute_random_dataset(gantry, gantry.joint_box, 100, seed=1)
+        off = unseen.joint_positions + np.radians([0, 0, 0, 0, 0, 0.1])
+        evaluation = evaluate(lambda poses: off, unseen)
+        assert evaluation.orientation_error.p50 == pytest.approx(np.radians(0.3))
+        assert evaluation.orientation_error.max == pytest.approx(np.radians(0.3))
 
     def test_answers_outside_the_limits_are_counted(self, gantry: Robot) -> None:
         unseen = compute_random_dataset(gantry, gantry.joint_box, 100, seed=1)

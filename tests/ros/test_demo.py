@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,10 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 
+from annik_ros.child_process import wait_until
+
 ROOT = Path(__file__).parents[2]
+PICTURES = ("errors.png", "path.png", "histogram.png", "latency.png")
 
 
 def processes_mentioning(text: str) -> list[str]:
@@ -49,11 +53,52 @@ def test_demo(tmp_path: Path) -> None:
     assert results["orientation_error_deg"]["max"] < 0.1
     assert 0 < results["latency_us"]["p50"] <= results["latency_us"]["p99"]
     assert results["training"]["examples"] == 179
-    assert results["training"]["seconds"] > 0
+    assert 0 < results["training"]["seconds"] < 30
 
-    for name in ("model.onnx", "report.html", "errors.png", "path.png", "bag/metadata.yaml"):
+    for name in ("model.onnx", "report.html", "bag/metadata.yaml", *PICTURES):
         assert (folder / name).stat().st_size > 0
     with Reader(folder / "bag") as bag:
         counts = {connection.topic: connection.msgcount for connection in bag.connections}
     assert counts["/target_pose"] == counts["/joint_command"] == 141
     assert counts["/tracking_error/position"] == counts["/tracking_error/orientation"] == 141
+
+
+@pytest.mark.parametrize(
+    ("signal_number", "code"), [(signal.SIGTERM, 128 + 15), (signal.SIGINT, 128 + 2)]
+)
+def test_an_interrupted_demo_leaves_no_process(
+    tmp_path: Path, signal_number: int, code: int
+) -> None:
+    folder = tmp_path / "demo"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "annik_ros.demo", "--out", str(folder)],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    try:
+        assert wait_until((folder / "logs" / "train.log").exists, timeout=30.0)
+        assert len(processes_mentioning(str(folder))) == 2
+        process.send_signal(signal_number)
+        _, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert process.returncode == code
+    assert b"Traceback" not in errors
+    assert processes_mentioning(str(folder)) == []
+
+
+def test_a_folder_with_other_files_is_not_emptied(tmp_path: Path) -> None:
+    photo = tmp_path / "photo.jpg"
+    photo.write_text("dear")
+    result = subprocess.run(
+        [sys.executable, "-m", "annik_ros.demo", "--out", str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert result.returncode == 1
+    assert "not of a demo" in result.stderr
+    assert photo.read_text() == "dear"

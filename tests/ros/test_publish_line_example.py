@@ -1,4 +1,4 @@
-"""The examples that need ROS run as they stand."""
+"""The example that needs ROS runs as it stands."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 
 
-def test_publish_poses(launch: Callable[..., Any], domain: int) -> None:
+def test_publish_line(launch: Callable[..., Any], domain: int) -> None:
     for module in ("ik_node", "fake_robot_node"):
         launch(module)
     result = subprocess.run(
-        [sys.executable, "examples/publish_poses.py"],
+        [sys.executable, "examples/publish_line.py"],
         cwd=ROOT,
         env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
         capture_output=True,
@@ -24,4 +24,6 @@ def test_publish_poses(launch: Callable[..., Any], domain: int) -> None:
         timeout=60,
     )
     assert result.returncode == 0, result.stderr
-    assert "target 9: missed by 0.0" in result.stdout
+    missed = [line for line in result.stdout.splitlines() if line.startswith("missed by 0.0")]
+    # The last target's error may come when the script has ended.
+    assert len(missed) > 30, result.stdout

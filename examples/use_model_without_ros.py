@@ -1,0 +1,22 @@
+"""Use a model with nothing but onnxruntime: pose in, joint positions out. See docs/artifact.md.
+
+Nothing is checked here; annik_core.ik_solver.IkSolver checks limits, workspace and residual.
+"""
+
+import json
+import sys
+
+import numpy as np
+import onnxruntime
+
+session = onnxruntime.InferenceSession(sys.argv[1] if sys.argv[1:] else "models/gantry.onnx")
+metadata = session.get_modelmeta().custom_metadata_map
+
+# x, y, z [m] and the unit quaternion x, y, z, w; as many rows as you like.
+pose = np.array([[0.35, 0.35, 0.65, 0.0, 0.0, np.sin(0.25), np.cos(0.25)]])
+(joint_positions,) = session.run(["joint_positions"], {"pose": pose})
+
+for name, position in zip(
+    json.loads(metadata["annik.joint_names"]), joint_positions[0], strict=True
+):
+    print(f"{name}: {position:.6f} rad")
