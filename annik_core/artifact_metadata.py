@@ -7,6 +7,7 @@ language can read it. docs/artifact.md is the reference.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -19,6 +20,7 @@ from annik_core.errors import (
     MissingArtifactMetadata,
     UnsupportedArtifactVersion,
 )
+from annik_core.robot import is_numeric
 
 FORMAT_VERSION = "1"
 SUPPORTED_VERSIONS = (FORMAT_VERSION,)
@@ -78,9 +80,14 @@ class ArtifactMetadata:
     reference_joint_positions: list[list[float]]
 
     def to_properties(self) -> dict[str, str]:
-        """The entries as they stand in the file. Floats survive the round trip bit for bit."""
+        """The entries as they stand in the file. Floats survive the round trip bit for bit.
+
+        Raises:
+            ValueError: if a number is NaN or infinite, which JSON does not have.
+        """
         return {
-            _PREFIX + key: json.dumps(value, sort_keys=True) for key, value in asdict(self).items()
+            _PREFIX + key: json.dumps(value, sort_keys=True, allow_nan=False)
+            for key, value in asdict(self).items()
         }
 
     @classmethod
@@ -140,17 +147,36 @@ def _entry(properties: Mapping[str, str], key: str, path: Path) -> Any:
     if text is None:
         raise MissingArtifactMetadata(path, _PREFIX + key)
     try:
-        return json.loads(text)
+        return json.loads(
+            text, parse_constant=_finite_float, parse_float=_finite_float, parse_int=_finite_int
+        )
     # Text that is not JSON, or, in a damaged file, bytes that are not text.
     except (ValueError, TypeError, RecursionError) as error:
         raise InvalidArtifactMetadata(path, key, f"not JSON: {error}") from error
 
 
+def _finite_float(text: str) -> float:
+    """For the JSON reader, which itself takes NaN and Infinity, and infinity for 1e999."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is not a finite number")
+    return number
+
+
+def _finite_int(text: str) -> int:
+    # One that is beyond a double could be neither computed with nor formatted later.
+    _finite_float(text)
+    return int(text)
+
+
 def _check_numbers(value: Any, key: str, width: int | None, dof: int, path: Path) -> None:
     expected = f"({dof},)" if width is None else f"(k, {width})"
+    if not is_numeric(value):
+        raise InvalidArtifactMetadata(path, key, f"not numbers of shape {expected}")
     try:
         numbers = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    # Rows of different lengths, or far too deep.
+    except ValueError as error:
         raise InvalidArtifactMetadata(path, key, f"not numbers of shape {expected}") from error
     right_shape = (
         numbers.shape == (dof,)
@@ -159,5 +185,3 @@ def _check_numbers(value: Any, key: str, width: int | None, dof: int, path: Path
     )
     if not right_shape:
         raise InvalidArtifactMetadata(path, key, f"shape {numbers.shape}, not {expected}")
-    if not np.isfinite(numbers).all():
-        raise InvalidArtifactMetadata(path, key, "holds a number that is not finite")

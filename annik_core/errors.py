@@ -291,6 +291,14 @@ class NonFiniteWeights(ArtifactError):
         super().__init__(path, f"tensor {tensor!r} holds a value that is not finite")
 
 
+class NetworkFailed(ArtifactError):
+    """The network gives no answer, or one of another shape or type than it promises."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.reason = reason
+        super().__init__(path, f"the network fails ({reason})")
+
+
 class ExportMismatch(ArtifactError):
     """The exported graph does not compute what the trained network computes."""
 
