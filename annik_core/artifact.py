@@ -138,7 +138,7 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
     file = Path(path)
     content = _read(file)
     try:
-        artifact = _validated(content, file)
+        artifact = validated_artifact(content, file)
     except ArtifactError:
         raise
     # The bytes may be anything, and the libraries that read them promise no exceptions. Whatever
@@ -183,7 +183,12 @@ def make_session(content: bytes, path: Path) -> onnxruntime.InferenceSession:
         raise ArtifactNotReadable(path, reason) from error
 
 
-def _validated(content: bytes, path: Path) -> ModelArtifact:
+def validated_artifact(content: bytes, path: Path) -> ModelArtifact:
+    """All checks of :func:`load_artifact` on the bytes of a file, which need not be there yet.
+
+    Raises:
+        ArtifactError: see there.
+    """
     model = _parse(content, path)
     _check_graph(model, path)
     metadata = ArtifactMetadata.from_properties(_properties(model, path), path)

@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 import torch
 
-from annik_core.artifact import INPUT_NAME, OUTPUT_NAME, make_session
+from annik_core.artifact import INPUT_NAME, OUTPUT_NAME, make_session, validated_artifact
 from annik_core.artifact_metadata import FORMAT_VERSION, ArtifactMetadata
 from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import ArtifactNotWritable, ExportMismatch
@@ -45,6 +45,7 @@ def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> A
     Raises:
         ExportMismatch: if onnxruntime's answers differ from the network's by more than
             :data:`EXPORT_TOLERANCE`, one pose at a time or in a batch. Nothing is written then.
+        ArtifactError: if a node would refuse the file. Nothing is written then either.
         ArtifactNotWritable: if the file can't be written.
     """
     model = to_onnx(fitted.network)
@@ -58,6 +59,8 @@ def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> A
     proof = compute_random_dataset(robot, robot.joint_box, _PROOF_POSES, fitted.options.seed)
     edge = fitted.dataset.poses
     prove_export(fitted.network, content, np.concatenate([proof.poses, edge]), path)
+    # What a node would refuse is not worth writing.
+    validated_artifact(content, path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_files_atomically(path.parent, {path.name: content})
