@@ -34,6 +34,7 @@ from rosbags.interfaces import (
 from annik_core.errors import AnnikError, BagNotWritable
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.parameters import BagRecorderParameters
+from annik_ros.spin import initialise, one_line
 from msg_tools.bag_writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.message_types import is_known_type
 from msg_tools.topics import TOPICS
@@ -44,6 +45,14 @@ NODE_NAME: Final = "bag_recorder"
 QUEUE_DEPTH: Final = 1000
 
 _TYPES: Final = {topic.name: topic.type for topic in TOPICS}
+
+
+class TypeNotRecordable(AnnikError):
+    """Messages of a type can't be received, or not be described in a bag."""
+
+    def __init__(self, message_type: str, reason: str) -> None:
+        self.message_type = message_type
+        super().__init__(f"{message_type} {reason}")
 
 
 class BagRecorder(Node):
@@ -126,13 +135,10 @@ class BagRecorder(Node):
         known = {topic: name for topic, name in self._waiting.items() if name is not None}
         for topic, message_type in known.items():
             del self._waiting[topic]
-            if is_known_type(message_type):
+            try:
                 self._subscribe(topic, message_type)
-            else:
-                self.get_logger().error(
-                    f"{topic} is not recorded: {message_type} does not come with ROS 2 Jazzy; "
-                    "record it with 'ros2 bag record'"
-                )
+            except TypeNotRecordable as error:
+                self.get_logger().error(f"{topic} is not recorded: {error}")
         if self._waiting and not self._warned_of_waiting:
             self._warned_of_waiting = True
             self.get_logger().info(
@@ -145,7 +151,12 @@ class BagRecorder(Node):
             )
 
     def _subscribe(self, topic: str, message_type: str) -> None:
-        """Subscribe in a way that suits the publishers there are; replaces an earlier one."""
+        """Subscribe in a way that suits the publishers there are; replaces an earlier one.
+
+        Raises:
+            TypeNotRecordable: if messages of this type can't be received or stored.
+        """
+        message_class = _message_class(message_type)
         earlier = self._subscriptions_by_topic.pop(topic, None)
         if earlier is not None:
             self.destroy_subscription(earlier)
@@ -154,7 +165,7 @@ class BagRecorder(Node):
             incompatible_qos=lambda _: self._incompatible.add(topic)
         )
         self._subscriptions_by_topic[topic] = self.create_subscription(
-            _message_class(message_type),
+            message_class,
             topic,
             # rclpy counts the arguments: two ask for the times of the message too.
             lambda message, info: self._on_message(topic, message, info),
@@ -188,8 +199,18 @@ class BagRecorder(Node):
 
 
 def _message_class(message_type: str) -> type[object]:
+    if not is_known_type(message_type):
+        raise TypeNotRecordable(
+            message_type, "does not come with ROS 2 Jazzy; record it with 'ros2 bag record'"
+        )
     package, folder, name = message_type.split("/")
-    message_class: type[object] = getattr(import_module(f"{package}.{folder}"), name)
+    try:
+        message_class: type[object] = getattr(import_module(f"{package}.{folder}"), name)
+    # Of the packages that come with Jazzy, a machine may have only some.
+    except (ImportError, AttributeError) as error:
+        raise TypeNotRecordable(
+            message_type, f"is not installed here: {one_line(error)}"
+        ) from error
     return message_class
 
 
@@ -233,9 +254,10 @@ def main(args: list[str] | None = None) -> int:
         args: command line, as ``rclpy.init`` takes it.
 
     Returns:
-        0, or 1 if a parameter is wrong or the bag could not be written.
+        0, or 1 if the command line is wrong or the bag could not be written.
     """
-    rclpy.init(args=args)
+    if not initialise(NODE_NAME, args):
+        return 1
     recorder: BagRecorder | None = None
     errors: list[Exception] = []
     exit_code = 0
@@ -263,7 +285,7 @@ def main(args: list[str] | None = None) -> int:
         recorder.destroy_node()
     logger = rclpy.logging.get_logger(NODE_NAME)
     for problem in errors:
-        logger.fatal(str(problem))
+        logger.fatal(one_line(problem))
     if summary is not None:
         logger.info(summary)
     rclpy.try_shutdown()

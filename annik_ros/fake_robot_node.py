@@ -25,7 +25,7 @@ from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.spin import run_node
 from msg_tools.joint_state import joint_positions_from_message, joint_state_to_message
 from msg_tools.pose import pose_from_message, pose_stamped_to_message
-from msg_tools.stamp import stamp_from_message, stamp_to_message
+from msg_tools.stamp import MalformedStamp, stamp_from_message, stamp_to_message
 from msg_tools.topics import (
     ACCEPTED_TARGET,
     ACHIEVED_POSE,
@@ -55,6 +55,7 @@ class FakeRobotNode(Node):
         robot = _load(declare_parameters(self, FakeRobotParameters))
         self._fake_robot = FakeRobot(robot)
         self._counts = OutcomeCounts(time.monotonic())
+        self._refused_targets = 0
         self._pairing: StampPairing[FloatArray, FloatArray] = StampPairing()
         results = reliable(RESULT_DEPTH)
         self._state_publisher = self.create_publisher(JointState, JOINT_STATES.name, results)
@@ -75,10 +76,12 @@ class FakeRobotNode(Node):
     def _on_command(self, message: JointState) -> None:
         robot = self._fake_robot.robot
         try:
+            # Before the robot moves: without a stamp, the result can't be told from others.
+            nanoseconds = stamp_from_message(message.header.stamp)
             joint_positions = joint_positions_from_message(message, robot.joint_names)
             achieved = self._fake_robot.move_to(joint_positions)
         except AnnikError as error:
-            self._counts.record_refused(refusal_reason(error), str(error))
+            self._counts.record_refused(_refusal_reason(error), str(error))
             self._warn(f"command refused: {error}")
             return
         self._counts.record_accepted()
@@ -87,16 +90,16 @@ class FakeRobotNode(Node):
             joint_state_to_message(robot.joint_names, joint_positions, stamp)
         )
         self._pose_publisher.publish(pose_stamped_to_message(achieved, stamp, robot.base_frame))
-        nanoseconds = stamp_from_message(stamp)
         self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
 
     def _on_target(self, message: PoseStamped) -> None:
         try:
+            nanoseconds = stamp_from_message(message.header.stamp)
             target = pose_from_message(message.pose)
         except AnnikError as error:
+            self._refused_targets += 1
             self._warn(f"accepted target ignored: {error}")
             return
-        nanoseconds = stamp_from_message(message.header.stamp)
         self._publish_error(nanoseconds, self._pairing.add_first(nanoseconds, target))
 
     def _publish_error(self, nanoseconds: int, pair: tuple[FloatArray, FloatArray] | None) -> None:
@@ -121,12 +124,18 @@ class FakeRobotNode(Node):
         values = {
             "robot": robot.name,
             "robot definition sha256": robot.definition_hash[:12],
+            # Not "targets refused": that is the ik_node's count, by which a report finds it.
+            "accepted targets ignored": str(self._refused_targets),
             "targets without command": str(waiting_targets),
             "commands without target": str(waiting_commands),
             "partners given up": str(self._pairing.given_up),
         }
         outcomes = self._counts.end_period(time.monotonic())
         return outcome_report("command", outcomes, robot.name, values)
+
+
+def _refusal_reason(error: AnnikError) -> str:
+    return "malformed stamp" if isinstance(error, MalformedStamp) else refusal_reason(error)
 
 
 def _load(parameters: FakeRobotParameters) -> Robot:

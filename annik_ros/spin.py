@@ -18,6 +18,22 @@ from annik_core.errors import AnnikError
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
+def initialise(name: str, args: list[str] | None = None) -> bool:
+    """Initialise rclpy; False after one line on what is wrong with the command line.
+
+    Args:
+        name: what to call the node, which does not exist yet.
+        args: the command line; None means that of the process.
+    """
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        # rclpy has no public name for its complaints about ROS arguments; there is no log yet.
+        print(f"[FATAL] [{name}]: {one_line(error)}", file=sys.stderr)
+        return False
+    return True
+
+
 def run_node(
     name: str,
     make_node: Callable[[], AnyNode],
@@ -35,11 +51,7 @@ def run_node(
     Returns:
         The exit code: 0, or 1 after one line on what is wrong.
     """
-    try:
-        rclpy.init(args=args)
-    except RuntimeError as error:
-        # rclpy has no public name for its complaints about ROS arguments; there is no log yet.
-        print(f"[FATAL] [{name}]: {_one_line(error)}", file=sys.stderr)
+    if not initialise(name, args):
         return 1
     node = None
     try:
@@ -48,7 +60,7 @@ def run_node(
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (AnnikError, NameValidationException) as error:
-        get_logger(name).fatal(_one_line(error))
+        get_logger(name).fatal(one_line(error))
         return 1
     except RuntimeError:
         # A signal ends the context at once: whatever was being made or published then fails.
@@ -73,5 +85,6 @@ def _spin(node: Node, finished: Future | None) -> None:
         executor.shutdown(timeout_sec=0.0)
 
 
-def _one_line(error: Exception) -> str:
+def one_line(error: Exception) -> str:
+    """What an error says, without the line breaks of those who raised it."""
     return " ".join(str(error).split())

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
     from annik_training.evaluation import Evaluation
     from annik_training.fit import Restart
     from annik_training.train import TrainingResult
+
+#: What to install for a library that not every command needs.
+_EXTRAS = {"torch": "training", "onnxscript": "training"}
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _PATH = click.Path(path_type=Path)
@@ -91,14 +97,16 @@ def design(robot: str, seed: int, check: bool, out: Path | None, **choices: Any)
 
     dataset = _computed_dataset(robot, seed, choices)
     Console().print(
-        f"{dataset.design}: {len(dataset)} examples for {dataset.robot.name} "
-        f"({', '.join(dataset.robot.joint_names)})"
+        escape(
+            f"{dataset.design}: {len(dataset)} examples for {dataset.robot.name} "
+            f"({', '.join(dataset.robot.joint_names)})"
+        )
     )
     if check:
         _print_diagnostics(diagnose(dataset.joint_positions, dataset.robot.joint_box))
     if out is not None:
         save_dataset(dataset, out)
-        Console().print(f"wrote {out}")
+        Console().print(f"wrote {escape(str(out))}")
 
 
 @cli.command()
@@ -140,6 +148,7 @@ def train(
         seed=seed,
     )
     if dataset_path is not None:
+        _refuse_beside_dataset("robot", *choices)
         dataset = load_dataset(dataset_path)
     else:
         dataset = _computed_dataset(robot, seed, choices)
@@ -190,11 +199,11 @@ def info(model: Path) -> None:
     from annik_core.artifact import load_artifact
 
     artifact = load_artifact(model)
-    table = Table("entry", "value", title=str(model))
+    table = Table("entry", "value", title=escape(str(model)))
     table.add_row("sha256", artifact.sha256)
     for key, value in vars(artifact.metadata).items():
         if key not in ("robot", "reference_poses", "reference_joint_positions"):
-            table.add_row(key, json.dumps(value))
+            table.add_row(key, escape(json.dumps(value)))
     Console().print(table)
 
 
@@ -212,13 +221,48 @@ def report(bag: Path, out: Path | None, namespace: str | None) -> None:
     click.echo(f"report: {folder / 'report.html'}")
 
 
+class ConflictingOptions(AnnikError):
+    """Options were given together of which one makes the others meaningless."""
+
+    def __init__(self, option: str, others: Sequence[str]) -> None:
+        self.option = option
+        self.others = tuple(others)
+        super().__init__(f"{option} can't be used together with {', '.join(self.others)}")
+
+
+class MissingLibrary(AnnikError):
+    """A library that this command needs is not installed."""
+
+    def __init__(self, library: str, extra: str) -> None:
+        self.library = library
+        super().__init__(f"this needs {library}: install it with pip install '.[{extra}]'")
+
+
+def _refuse_beside_dataset(*names: str) -> None:
+    """Refuse options that say how to make examples: those of the dataset are made."""
+    context = click.get_current_context()
+    flags = {parameter.name: parameter.opts[0] for parameter in context.command.params}
+    given = [
+        flags[name]
+        for name in names
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT
+    ]
+    if given:
+        raise ConflictingOptions("--dataset", given)
+
+
 def _computed_dataset(robot_name: str, seed: int, choices: dict[str, Any]) -> Dataset:
     from annik_core.robot_library import load_robot
     from annik_training.dataset import compute_dataset
     from annik_training.design_registry import find_design
 
     chosen = find_design(choices.pop("design"))
-    given = {option: value for option, value in choices.items() if value not in (None, False)}
+    # By identity: 0 equals False, but was given, and must be refused where it makes no sense.
+    given = {
+        option: value
+        for option, value in choices.items()
+        if value is not None and value is not False
+    }
     size = given.pop(chosen.size_option, None)
     if size is None:
         flag = chosen.size_option.replace("_", "-")
@@ -249,7 +293,7 @@ def _hidden_units(text: str) -> tuple[int, ...]:
 def _print_training(result: TrainingResult) -> None:
     fitted = result.fitted
     Console().print(
-        f"{len(fitted.dataset)} examples ({fitted.held_out_examples} held out to choose among "
+        f"{len(fitted.dataset)} examples ({len(fitted.held_out)} held out to choose among "
         f"{len(fitted.restarts)} starts), {fitted.seconds:.1f} s"
     )
     Console().print(_evaluation_table(result.evaluation, str(result.path)))
@@ -260,12 +304,15 @@ def _evaluation_table(evaluation: Evaluation, title: str) -> Table:
 
     position, orientation = evaluation.position_error, evaluation.orientation_error
     columns = ("rms", "p50", "p95", "p99", "max")
-    table = Table("error", *columns, title=title, caption=f"{evaluation.examples} random poses")
-    table.add_row(
-        "position [mm]", *(f"{1e3 * getattr(position, column):.5f}" for column in columns)
+    # Escaped, as a unit in brackets is markup to rich, and a file may be called anything.
+    table = Table(
+        "error", *columns, title=escape(title), caption=f"{evaluation.examples} random poses"
     )
     table.add_row(
-        "orientation [deg]",
+        escape("position [mm]"), *(f"{1e3 * getattr(position, column):.5f}" for column in columns)
+    )
+    table.add_row(
+        escape("orientation [deg]"),
         *(f"{np.degrees(getattr(orientation, column)):.6f}" for column in columns),
     )
     return table
@@ -279,7 +326,7 @@ def _training_summary(result: TrainingResult) -> dict[str, Any]:
         "design": fitted.dataset.design,
         "design_options": dict(fitted.dataset.design_options),
         "examples": len(fitted.dataset),
-        "held_out_examples": fitted.held_out_examples,
+        "held_out_examples": len(fitted.held_out),
         "seconds": fitted.seconds,
         "seed": fitted.options.seed,
         "winning_restart": fitted.winner,
@@ -299,10 +346,21 @@ def _write(path: Path, text: str) -> None:
 def main() -> None:
     """Run the command line; a fault that annik knows is one line and exit code 1."""
     try:
-        cli(standalone_mode=True)
+        _run()
     except AnnikError as error:
-        click.echo(f"annik: {error}", err=True)
+        # The parsers whose complaints some errors quote write several lines.
+        click.echo(f"annik: {' '.join(str(error).split())}", err=True)
         sys.exit(1)
+
+
+def _run() -> None:
+    try:
+        cli(standalone_mode=True)
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library not in _EXTRAS:
+            raise
+        raise MissingLibrary(library, _EXTRAS[library]) from error
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,15 +17,22 @@ from typing import Any
 import numpy as np
 
 from annik_core.atomic_write import write_files_atomically
-from annik_core.errors import DatasetError, InvalidRobotDefinition, UnreadableDataset
+from annik_core.errors import DatasetError, UnreadableDataset
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, pose_difference
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
 from annik_training.design_registry import make_design
 
 FORMAT_VERSION = 1
 COMPUTED = "computed by the forward kinematics"
+UNITS = {"joint_positions": "rad or m", "poses": "m, quaternion x y z w"}
+
+#: Computed poses may differ from those computed again by this much [m and rad]: the rounding of
+#: another processor, and nothing more.
+POSE_AGREEMENT = 1e-9
+#: Quaternions may differ from unit norm by this much: one that was rounded to single precision.
+QUATERNION_NORM_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +74,7 @@ class Dataset:
             "design_options": dict(self.design_options),
             "seed": self.seed,
             "source": self.source,
-            "units": {"joint_positions": "rad or m", "poses": "m, quaternion x y z w"},
+            "units": dict(UNITS),
         }
 
     @property
@@ -126,33 +132,20 @@ def save_dataset(dataset: Dataset, path: Path) -> None:
 
 
 def load_dataset(path: Path) -> Dataset:
-    """Read a dataset and check that it is whole and unaltered.
+    """Read a dataset and check that it is whole, unaltered, and what its provenance says it is.
 
     Raises:
-        UnreadableDataset: if it is missing, truncated, altered, or not a dataset.
+        UnreadableDataset: if it is missing, truncated, altered, not a dataset, or contradicts
+            itself; names what is wrong.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            joint_positions = archive["joint_positions"]
-            poses = archive["poses"]
-            provenance = json.loads(str(archive["provenance"]))
-            expected_hash = str(archive["sha256"])
-    except FileNotFoundError as error:
-        raise UnreadableDataset(path, "no such file") from error
-    except KeyError as error:
-        raise UnreadableDataset(path, f"{error} is missing: not a dataset of annik") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise UnreadableDataset(path, f"truncated or not a dataset ({error})") from error
+    provenance, joint_positions, poses, expected_hash = _read(path)
     if _content_hash(provenance, joint_positions, poses) != expected_hash:
         raise UnreadableDataset(path, "its content does not match its SHA-256: it was altered")
-    if provenance.get("format_version") != FORMAT_VERSION:
-        raise UnreadableDataset(
-            path, f"format version {provenance.get('format_version')}, not {FORMAT_VERSION}"
-        )
-    try:
-        robot = robot_from_definition(provenance["robot"], f"in {path}")
-    except InvalidRobotDefinition as error:
-        raise UnreadableDataset(path, str(error)) from error
+    # A hash that fits says who wrote it no more than the rest does: the content is checked too.
+    robot = _checked_robot(path, provenance)
+    _check_arrays(path, robot, joint_positions, poses)
+    if provenance["source"] == COMPUTED:
+        _check_forward_kinematics(path, robot, joint_positions, poses)
     return Dataset(
         robot,
         joint_positions,
@@ -162,6 +155,121 @@ def load_dataset(path: Path) -> Dataset:
         provenance["seed"],
         provenance["source"],
     )
+
+
+def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
+    """Provenance, joint positions, poses and hash as the file has them, unchecked."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError as error:
+        raise UnreadableDataset(path, "no such file") from error
+    except OSError as error:
+        raise UnreadableDataset(path, f"can't be read ({error.strerror})") from error
+    # Altered bytes come out of the zip, NumPy and JSON parsers as errors of any kind.
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except Exception as error:
+        raise UnreadableDataset(path, f"truncated or not a dataset ({error})") from error
+    for name in ("joint_positions", "poses", "provenance", "sha256"):
+        if name not in arrays:
+            raise UnreadableDataset(path, f"{name!r} is missing: not a dataset of annik")
+    try:
+        provenance = json.loads(str(arrays["provenance"]))
+    except (ValueError, RecursionError) as error:
+        raise UnreadableDataset(path, f"its provenance is not JSON ({error})") from error
+    if not isinstance(provenance, dict):
+        raise UnreadableDataset(path, "its provenance is not a mapping of names to values")
+    return provenance, arrays["joint_positions"], arrays["poses"], str(arrays["sha256"])
+
+
+def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:
+    """The robot of a provenance that is complete and agrees with it."""
+    version = provenance.get("format_version")
+    if version != FORMAT_VERSION:
+        raise UnreadableDataset(path, f"format version {version!r}, not {FORMAT_VERSION}")
+    for key, kind, what in (
+        ("robot", dict, "a mapping"),
+        ("design", str, "a name"),
+        ("design_options", dict, "a mapping"),
+        ("seed", int, "an integer"),
+        ("source", str, "a text"),
+    ):
+        if key not in provenance:
+            raise UnreadableDataset(path, f"its provenance lacks {key!r}")
+        # A truth value is an int to Python, but no seed.
+        if not isinstance(provenance[key], kind) or isinstance(provenance[key], bool):
+            raise UnreadableDataset(path, f"{key!r} is {provenance[key]!r}, not {what}")
+    try:
+        robot = robot_from_definition(provenance["robot"], f"in {path}")
+    # The definition may hold anything that JSON can say.
+    except Exception as error:
+        raise UnreadableDataset(path, f"its robot can't be used ({error})") from error
+    for key, expected in (
+        ("robot_hash", robot.definition_hash),
+        ("joint_names", list(robot.joint_names)),
+        ("units", UNITS),
+    ):
+        if provenance.get(key) != expected:
+            raise UnreadableDataset(
+                path, f"{key!r} is {provenance.get(key)!r}; for its robot it is {expected!r}"
+            )
+    return robot
+
+
+def _check_arrays(
+    path: Path, robot: Robot, joint_positions: FloatArray, poses: FloatArray
+) -> None:
+    """Refuse arrays that are not finite numbers of the right kind, number and range."""
+    for name, array, columns in (
+        ("joint_positions", joint_positions, robot.dof),
+        ("poses", poses, 7),
+    ):
+        if array.dtype != np.float64:
+            raise UnreadableDataset(path, f"{name} are {array.dtype}, not float64")
+        if array.ndim != 2 or array.shape[1] != columns:
+            raise UnreadableDataset(path, f"{name} have shape {array.shape}, not (n, {columns})")
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+            raise UnreadableDataset(path, f"row {row} of {name} holds a number that is not finite")
+    if len(joint_positions) != len(poses):
+        raise UnreadableDataset(
+            path, f"it has {len(joint_positions)} joint positions but {len(poses)} poses"
+        )
+    if len(poses) == 0:
+        raise UnreadableDataset(path, "it holds no examples")
+    for row, positions in enumerate(joint_positions):
+        violation = robot.joint_limits.violation(positions)
+        if violation is not None:
+            raise UnreadableDataset(path, f"row {row} of joint_positions: {violation}")
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(poses[:, 3:], axis=1)
+    wrong = np.flatnonzero(~(np.abs(norms - 1.0) <= QUATERNION_NORM_TOLERANCE))
+    if len(wrong):
+        raise UnreadableDataset(
+            path, f"row {wrong[0]} of poses: the quaternion's norm is {norms[wrong[0]]:.9g}, not 1"
+        )
+
+
+def _check_forward_kinematics(
+    path: Path, robot: Robot, joint_positions: FloatArray, poses: FloatArray
+) -> None:
+    """Refuse poses that are said to be computed, and are not where the joint positions lead."""
+    with np.errstate(over="ignore"):
+        position, rotation = pose_difference(
+            poses, robot.forward_kinematics.poses(joint_positions)
+        )
+        distances = np.linalg.norm(position, axis=1)
+    angles = np.linalg.norm(rotation, axis=1)
+    # Not '>': what overflowed to NaN disagrees.
+    wrong = np.flatnonzero(~((distances <= POSE_AGREEMENT) & (angles <= POSE_AGREEMENT)))
+    if len(wrong):
+        row = wrong[0]
+        raise UnreadableDataset(
+            path,
+            f"row {row} of poses is {distances[row]:.3g} m and {angles[row]:.3g} rad from where "
+            "the forward kinematics takes its joint positions",
+        )
 
 
 def _content_hash(

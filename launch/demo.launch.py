@@ -1,9 +1,10 @@
 """The whole demo: ik_node, fake_robot, a path of targets and, if asked, a bag.
 
-Everything ends when the path has been followed.
+Everything ends when the path has been followed, or could not be: then with an error and a non-zero
+exit code.
 """
 
-from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity, logging
 from launch.actions import (
     DeclareLaunchArgument,
     IncludeLaunchDescription,
@@ -13,6 +14,7 @@ from launch.actions import (
     TimerAction,
 )
 from launch.event_handlers import OnProcessExit
+from launch.events.process import ProcessExited
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -88,12 +90,28 @@ def _targets_and_bag(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         parameters=[{"output": ParameterValue(bag, value_type=str)}],
         output="screen",
     )
-    end = TimerAction(period=END_DELAY, actions=[Shutdown(reason="the path has been followed")])
     return [
         *([bag_recorder] if bag else []),
         TimerAction(period=START_DELAY, actions=[target_publisher]),
-        RegisterEventHandler(OnProcessExit(target_action=target_publisher, on_exit=[end])),
+        RegisterEventHandler(OnProcessExit(target_action=target_publisher, on_exit=_end)),
     ]
+
+
+class PathNotFollowed(Exception):
+    """The publisher of the targets could not do its job."""
+
+
+def _end(event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
+    if event.returncode == 0:
+        reason = "the path has been followed"
+        return [TimerAction(period=END_DELAY, actions=[Shutdown(reason=reason)])]
+    # Whoever ends the launch ends its processes too, and their exit codes mean nothing then.
+    if context.is_shutdown:
+        return None
+    problem = f"target_publisher ended with exit code {event.returncode}"
+    logging.get_logger("demo").error(f"the path has not been followed: {problem}")
+    # What an action raises ends the launch and gives it exit code 1; a Shutdown would give it 0.
+    raise PathNotFollowed(problem)
 
 
 def _packaged(folder: str, file: str) -> PathJoinSubstitution:

@@ -218,7 +218,8 @@ def _bag_information(directory: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load((directory / METADATA_FILE).read_text())
         information = content["rosbag2_bagfile_information"]
-    except (OSError, yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError):
+    # YAML lets through what its values raise: a date that is none, a number too long.
+    except Exception:
         return {}
     return information if isinstance(information, dict) else {}
 
@@ -235,8 +236,10 @@ def _storage_files(directory: Path, information: dict[str, Any], damage: list[st
     else:
         # Old versions of rosbag2 wrote the folder's name before the file's.
         names = [Path(str(name)).name for name in listed]
-        damage += [f"{name}: is missing" for name in names if not (directory / name).is_file()]
-        files = [directory / name for name in names if (directory / name).is_file()]
+        # Compared as texts: what is listed need not be a name that a file can have.
+        there = {file.name for file in directory.iterdir() if file.is_file()}
+        damage += [f"{name}: is missing" for name in names if name not in there]
+        files = [directory / name for name in names if name in there]
         files += [file for file in found if file.name not in names]
     if not files:
         raise BagNotReadable(directory, "no .mcap or .db3 file in the folder")

@@ -42,7 +42,7 @@ def write_report(
     contents = {
         **plots,
         "report.html": report_html(report, plots).encode(),
-        "results.json": (json.dumps(report.results(), indent=2) + "\n").encode(),
+        "results.json": (json.dumps(report.results(), indent=2, allow_nan=False) + "\n").encode(),
         "targets.csv": _targets_csv(report).encode(),
     }
     try:

@@ -29,6 +29,8 @@ _MARKED_TARGETS: Final = 200
 _BINS: Final = 40
 #: Values whose spread is at most this part of them are one value.
 _SAME: Final = 1e-6
+#: Values up to this [mm or deg] are drawn as zero: axes can't be divided into less.
+_NOTHING: Final = 1e-30
 #: From so large a ratio of largest to median error on, the axis is logarithmic.
 _LOGARITHMIC_RATIO: Final = 30.0
 
@@ -166,9 +168,9 @@ def _draw_histogram(axes: Axes, values: Sequence[float], color: str, label: str)
         positive = [value for value in values if value > 0]
         bins = np.geomspace(min(positive), max(positive), bins + 1)
         axes.set_xscale("log")
-    elif np.ptp(values) <= _SAME * max(values):
+    elif np.ptp(values) <= _SAME * max(values) or max(values) <= _NOTHING:
         # Bins between values that differ by rounding would have no width.
-        bins = np.linspace(0.0, 2 * max(values) or 1.0, bins + 1)
+        bins = np.linspace(0.0, 2 * max(values) if max(values) > _NOTHING else 1.0, bins + 1)
     axes.hist(values, bins=bins, color=color, edgecolor="white", linewidth=0.5)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     p95 = float(np.percentile(values, 95))
@@ -180,12 +182,12 @@ def _choose_scale(axes: Axes, values: Sequence[float]) -> None:
     if _spans_decades(values):
         axes.set_yscale("log")
     else:
-        axes.set_ylim(bottom=0.0 if max(values) > 0 else None)
+        axes.set_ylim(bottom=0.0 if max(values) > _NOTHING else None)
 
 
 def _spans_decades(values: Sequence[float]) -> bool:
     median = float(np.median(values))
-    return min(values) > 0 and max(values) > _LOGARITHMIC_RATIO * median
+    return min(values) > _NOTHING and max(values) > _LOGARITHMIC_RATIO * median
 
 
 def _set_equal_scales(axes: Axes3D, points: FloatArray) -> None:

@@ -60,13 +60,14 @@ def target_rows(targets: Iterable[TargetResult]) -> list[tuple[str, ...]]:
 
 def _counts_table(report: TrackingReport) -> Table:
     table = Table(title="Targets")
-    for heading in ("sent", "answered", "refused"):
+    for heading in ("sent", "answered", "unanswered", "refused"):
         table.add_column(heading, justify="right")
     table.add_column("reasons")
     reasons = ", ".join(f"{reason}: {count}" for reason, count in report.refusal_reasons.items())
     table.add_row(
         str(report.targets_sent),
         str(report.targets_answered),
+        str(report.targets_unanswered),
         str(report.targets_refused),
         escape(reasons),
     )

@@ -18,9 +18,28 @@ class StampOutOfRange(ConversionError):
         super().__init__(f"{nanoseconds} ns since the epoch does not fit into a ROS stamp")
 
 
+class MalformedStamp(ConversionError):
+    """A stamp's nanoseconds make a whole second or more: two stamps could mean one time."""
+
+    def __init__(self, nanosec: int) -> None:
+        self.nanosec = nanosec
+        super().__init__(
+            f"header.stamp.nanosec is {nanosec}; it must be less than {_NANOSECONDS_PER_SECOND}"
+        )
+
+
 def stamp_from_message(message: Time) -> int:
-    """Time since the epoch of the clock that made the stamp [ns]."""
-    return int(message.sec) * _NANOSECONDS_PER_SECOND + int(message.nanosec)
+    """Time since the epoch of the clock that made the stamp [ns].
+
+    Whatever this returns, :func:`stamp_to_message` takes back.
+
+    Raises:
+        MalformedStamp: if the nanoseconds are a second or more.
+    """
+    nanosec = int(message.nanosec)
+    if nanosec >= _NANOSECONDS_PER_SECOND:
+        raise MalformedStamp(nanosec)
+    return int(message.sec) * _NANOSECONDS_PER_SECOND + nanosec
 
 
 def stamp_to_message(nanoseconds: int) -> Time:

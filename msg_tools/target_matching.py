@@ -17,6 +17,18 @@ from annik_core.pose import FloatArray
 _QUATERNION_TOLERANCE: Final = 1e-9
 
 
+class TargetMatches(NamedTuple):
+    """Which sent target each accepted one was.
+
+    Attributes:
+        sent: for each accepted target the index of the sent one, or None if it is not known.
+        ambiguous: indices of the accepted targets that several sent ones may have been.
+    """
+
+    sent: list[int | None]
+    ambiguous: frozenset[int]
+
+
 class TimedPose(NamedTuple):
     """A pose in a message.
 
@@ -31,7 +43,7 @@ class TimedPose(NamedTuple):
     pose: FloatArray
 
 
-def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> list[int | None]:
+def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> TargetMatches:
     """The sent target of each accepted one.
 
     In order of time, each accepted target takes the first sent one that has its pose, was sent
@@ -39,42 +51,83 @@ def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> l
     topic in order, so what was passed over was refused or dropped. Only if there is none, one that
     was passed over is taken (messages of two publishers may arrive in another order than sent).
 
+    Where several sent targets fit an accepted one, and more of that pose were sent than accepted,
+    any of them may be the one that was dropped: the match is then not known.
+
     Args:
         sent: targets of one or several topics, in any order.
         accepted: in any order.
-
-    Returns:
-        For each of ``accepted`` an index into ``sent``, or None.
     """
     by_position: dict[tuple[float, ...], list[int]] = defaultdict(list)
     for index in sorted(range(len(sent)), key=lambda i: sent[i].time_ns):
         by_position[_position(sent[index].pose)].append(index)
+    census = _Census(sent, accepted)
     last_taken: dict[str, int] = defaultdict(lambda: -1)
     matches: list[int | None] = [None] * len(accepted)
+    ambiguous: set[int] = set()
     for number in sorted(range(len(accepted)), key=lambda i: accepted[i].time_ns):
         answer = accepted[number]
         free = by_position.get(_position(answer.pose), [])
         in_order = (i for i in free if sent[i].time_ns > last_taken[sent[i].topic])
-        match = _first_fitting(sent, in_order, answer)
-        if match is None:
-            match = _first_fitting(sent, free, answer)
-        if match is None:
+        fitting = _first_two_fitting(sent, in_order, answer)
+        if not fitting:
+            fitting = _first_two_fitting(sent, free, answer)
+        if not fitting:
             continue
+        # Taken also if ambiguous: the true one is not earlier, so those after it stay possible.
+        match = fitting[0]
         last_taken[sent[match].topic] = max(last_taken[sent[match].topic], sent[match].time_ns)
         free.remove(match)
-        matches[number] = match
-    return matches
+        if len(fitting) > 1 and census.more_sent_than_accepted(answer.pose):
+            ambiguous.add(number)
+        else:
+            matches[number] = match
+    return TargetMatches(matches, frozenset(ambiguous))
 
 
-def _first_fitting(
+class _Census:
+    """How many targets of one pose were sent and accepted; counted when asked, each pose once."""
+
+    def __init__(self, sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> None:
+        self._sent = _poses_by_position(sent)
+        self._accepted = _poses_by_position(accepted)
+        self._known: dict[tuple[float, ...], list[tuple[FloatArray, bool]]] = defaultdict(list)
+
+    def more_sent_than_accepted(self, pose: FloatArray) -> bool:
+        position = _position(pose)
+        for known, answer in self._known[position]:
+            if _same_orientation(known, pose):
+                return answer
+        answer = self._count(self._sent, pose) > self._count(self._accepted, pose)
+        self._known[position].append((pose, answer))
+        return answer
+
+    @staticmethod
+    def _count(poses: dict[tuple[float, ...], list[FloatArray]], pose: FloatArray) -> int:
+        return sum(_same_orientation(other, pose) for other in poses.get(_position(pose), ()))
+
+
+def _poses_by_position(
+    targets: Sequence[TimedPose],
+) -> dict[tuple[float, ...], list[FloatArray]]:
+    poses: dict[tuple[float, ...], list[FloatArray]] = defaultdict(list)
+    for target in targets:
+        poses[_position(target.pose)].append(target.pose)
+    return poses
+
+
+def _first_two_fitting(
     sent: Sequence[TimedPose], candidates: Iterable[int], answer: TimedPose
-) -> int | None:
+) -> list[int]:
+    fitting: list[int] = []
     for index in candidates:
         if sent[index].time_ns > answer.time_ns:
-            return None
+            break
         if _same_orientation(sent[index].pose, answer.pose):
-            return index
-    return None
+            fitting.append(index)
+            if len(fitting) == 2:
+                break
+    return fitting
 
 
 def _position(pose: FloatArray) -> tuple[float, ...]:

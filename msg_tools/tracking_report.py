@@ -34,6 +34,8 @@ from msg_tools.topics import (
 
 #: Recorded and recomputed tracking errors may differ by this much [m and rad].
 ERROR_AGREEMENT: Final = 1e-9
+#: No robot is so far from its base [m]. What is farther is damage, and would overflow.
+LARGEST_COORDINATE: Final = 1e6
 
 
 class TargetResult(NamedTuple):
@@ -76,7 +78,10 @@ class TrackingReport:
         namespace: of the robot, with its leading slash.
         targets_sent: messages on the target topics.
         targets_answered: commands.
-        targets_refused: sent and not answered.
+        targets_unanswered: sent and not answered: refused, or replaced by a newer one in the
+            queue before they were read.
+        targets_refused: as the ik_node counted them, by its last diagnostics; if the bag has
+            none, all that were not answered.
         refusal_reasons: refused targets by reason, from the last diagnostics; most frequent first.
         targets: answered targets with a known result, in order of acceptance.
         position_error_mm: over ``targets`` [mm]; None if there are none.
@@ -93,6 +98,7 @@ class TrackingReport:
     namespace: str
     targets_sent: int
     targets_answered: int
+    targets_unanswered: int
     targets_refused: int
     refusal_reasons: dict[str, int]
     targets: tuple[TargetResult, ...]
@@ -112,6 +118,7 @@ class TrackingReport:
             "namespace": self.namespace,
             "targets_sent": self.targets_sent,
             "targets_answered": self.targets_answered,
+            "targets_unanswered": self.targets_unanswered,
             "targets_refused": self.targets_refused,
             "targets_paired": len(self.targets),
             "refusal_reasons": self.refusal_reasons,
@@ -132,6 +139,13 @@ class _Pair(NamedTuple):
     achieved: FloatArray
     error: TrackingError
     latency_us: float | None
+
+
+class _Latencies(NamedTuple):
+    """Time from target to command [us], by stamp, and the stamps of which it can't be told."""
+
+    known: dict[int, float]
+    ambiguous: frozenset[int]
 
 
 def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
@@ -159,7 +173,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         records[by_name[record.topic]].append(record)
     notes = [f"The bag is damaged. {fault}." for fault in bag.damage]
 
-    pairs = _pairs(records, bag, notes)
+    pairs, ambiguous = _pairs(records, bag, notes)
     sent = len(records[TARGET_POSE.name]) + len(records[TARGET_POSE_STAMPED.name])
     answered = len(records[JOINT_COMMAND.name])
     if not pairs:
@@ -169,24 +183,34 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
             f"There are more commands ({answered}) than targets ({sent}): "
             "not all targets were recorded."
         )
-    refused = max(0, sent - answered)
+    unanswered = max(0, sent - answered)
     counts = refusal_counts(
         (record.message for record in _in_order_of_time(records[DIAGNOSTICS.name])), chosen
     )
-    if counts is None and refused:
-        notes.append("The bag holds no diagnostics of the ik_node: reasons are not known.")
-    elif counts is not None and counts.refused != refused:
+    if counts is None and unanswered:
         notes.append(
-            f"{refused} targets have no command, but the ik_node's last diagnostics count "
+            "The bag holds no diagnostics of the ik_node: every target without a command is "
+            "counted as refused, and reasons are not known."
+        )
+    elif counts is not None and counts.refused != unanswered:
+        notes.append(
+            f"{unanswered} targets have no command, but the ik_node's last diagnostics count "
             f"{counts.refused} as refused: they are a second old at most, count from the node's "
             "start, and leave out targets that a newer one replaced before they were read."
         )
     targets = tuple(_target_result(number, pair) for number, pair in enumerate(pairs, start=1))
     latencies = [target.latency_us for target in targets if target.latency_us is not None]
-    if targets and len(latencies) < len(targets):
+    unrecognised = len(targets) - len(latencies) - ambiguous
+    if unrecognised:
         notes.append(
-            f"{len(targets) - len(latencies)} of {len(targets)} answered targets were not "
+            f"{unrecognised} of {len(targets)} answered targets were not "
             "recognised among the sent ones: their latency is not known."
+        )
+    if ambiguous:
+        notes.append(
+            f"{ambiguous} of {len(targets)} answered targets are like several that were sent, of "
+            "which not all were answered: which one was answered, and so the latency, is not "
+            "known."
         )
     if latencies and not bag.has_publish_times:
         notes.append(
@@ -199,7 +223,8 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         namespace=chosen,
         targets_sent=sent,
         targets_answered=answered,
-        targets_refused=refused,
+        targets_unanswered=unanswered,
+        targets_refused=unanswered if counts is None else counts.refused,
         refusal_reasons=counts.reasons if counts is not None else {},
         targets=targets,
         position_error_mm=_summary([target.position_error_mm for target in targets]),
@@ -212,8 +237,14 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
     )
 
 
-def _pairs(records: dict[str, list[BagRecord]], bag: Bag, notes: list[str]) -> list[_Pair]:
-    """Accepted targets with their achieved poses, in order of stamp."""
+def _pairs(
+    records: dict[str, list[BagRecord]], bag: Bag, notes: list[str]
+) -> tuple[list[_Pair], int]:
+    """Accepted targets with their achieved poses, in order of stamp.
+
+    Returns:
+        The pairs, and of how many the latency is unknown because several sent targets fit.
+    """
     accepted = _by_stamp(records[ACCEPTED_TARGET.name], "accepted targets", notes)
     achieved = _by_stamp(records[ACHIEVED_POSE.name], "achieved poses", notes)
     commands = _by_stamp(records[JOINT_COMMAND.name], "commands", notes)
@@ -227,17 +258,23 @@ def _pairs(records: dict[str, list[BagRecord]], bag: Bag, notes: list[str]) -> l
         except ConversionError:
             invalid += 1
             continue
+        if max(np.abs(target[:3]).max(), np.abs(result[:3]).max()) > LARGEST_COORDINATE:
+            invalid += 1
+            continue
         error = tracking_error(target, result)
-        pairs.append(_Pair(stamp, target, result, error, latencies.get(stamp)))
+        pairs.append(_Pair(stamp, target, result, error, latencies.known.get(stamp)))
     if invalid:
-        notes.append(f"{invalid} pairs hold a pose that is no pose (NaN, or no unit quaternion).")
+        notes.append(
+            f"{invalid} pairs hold a pose that is no pose (NaN, no unit quaternion, or farther "
+            f"than {LARGEST_COORDINATE:g} m): they are left out."
+        )
     without_result = len(accepted.keys() - achieved.keys())
     if pairs and without_result:
         notes.append(f"{without_result} accepted targets have no achieved pose in the bag.")
     without_command = len(accepted.keys() - commands.keys())
     if pairs and without_command:
         notes.append(f"{without_command} accepted targets have no command in the bag.")
-    return pairs
+    return pairs, sum(pair.stamp in latencies.ambiguous for pair in pairs)
 
 
 def _latencies(
@@ -245,9 +282,7 @@ def _latencies(
     accepted: dict[int, BagRecord],
     commands: dict[int, BagRecord],
     bag: Bag,
-) -> dict[int, float]:
-    """Time from target to command [us], by stamp."""
-
+) -> _Latencies:
     def time(record: BagRecord) -> int:
         return record.publish_time_ns if bag.has_publish_times else record.log_time_ns
 
@@ -266,11 +301,13 @@ def _latencies(
         )
         for stamp in stamps
     ]
-    return {
+    matches = match_targets(sent, answers)
+    known = {
         stamp: (time(commands[stamp]) - sent[match].time_ns) / 1e3
-        for stamp, match in zip(stamps, match_targets(sent, answers), strict=True)
+        for stamp, match in zip(stamps, matches.sent, strict=True)
         if match is not None
     }
+    return _Latencies(known, frozenset(stamps[number] for number in matches.ambiguous))
 
 
 def _recorded_error_difference(
@@ -285,6 +322,18 @@ def _recorded_error_difference(
         return None
     recorded_positions = np.array([_vector(positions[p.stamp].message.vector) for p in both])
     recorded_rotations = np.array([_vector(orientations[p.stamp].message.vector) for p in both])
+    # Not '>': a NaN is not valid.
+    valid = (np.abs(recorded_positions) <= 2 * LARGEST_COORDINATE).all(axis=1)
+    valid &= (np.abs(recorded_rotations) <= LARGEST_COORDINATE).all(axis=1)
+    if not valid.all():
+        notes.append(
+            f"{np.count_nonzero(~valid)} recorded tracking errors are no numbers, or beyond all "
+            "measure: they disagree with those recomputed."
+        )
+    if not valid.any():
+        return None
+    both = [pair for pair, good in zip(both, valid, strict=True) if good]
+    recorded_positions, recorded_rotations = recorded_positions[valid], recorded_rotations[valid]
     position_difference = np.linalg.norm(
         recorded_positions - np.array([pair.error.position for pair in both]), axis=1
     ).max()
@@ -292,8 +341,7 @@ def _recorded_error_difference(
     recomputed = Rotation.from_rotvec(np.array([pair.error.orientation for pair in both]))
     difference = Rotation.from_rotvec(recorded_rotations) * recomputed.inv()
     rotation_difference = difference.magnitude().max()
-    # Not '>': a NaN disagrees.
-    if not (position_difference <= ERROR_AGREEMENT and rotation_difference <= ERROR_AGREEMENT):
+    if max(position_difference, rotation_difference) > ERROR_AGREEMENT:
         notes.append(
             "The recorded tracking errors disagree with those recomputed from "
             f"accepted_target and achieved_pose by up to {position_difference:.3g} m and "

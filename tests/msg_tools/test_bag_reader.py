@@ -215,11 +215,26 @@ def test_one_unreadable_part_does_not_hide_the_others(tmp_path: Path) -> None:
 
 def test_metadata_of_any_content_does_not_keep_messages_from_being_read(tmp_path: Path) -> None:
     path = RobotRecording(count=3).write(tmp_path / "bag")
-    for text in ("", "[]", "a: [", "rosbag2_bagfile_information: 3", "\x00"):
+    for text in (
+        *("", "[]", "a: [", "rosbag2_bagfile_information: 3", "\x00"),
+        # A date that is none, a number that Python does not read, and no end of brackets.
+        *("a: 2024-13-45", "a: " + 5000 * "9", 3000 * "["),
+    ):
         (path / "metadata.yaml").write_text(text)
         bag = read_bag(path)
         assert bag.message_count == 21
         assert not bag.complete
+
+
+@pytest.mark.parametrize("name", [300 * "a" + ".mcap", '"a\\0b"', "..", '""'])
+def test_listed_files_that_can_not_exist_are_missing_ones(tmp_path: Path, name: str) -> None:
+    path = RobotRecording(count=3).write(tmp_path / "bag")
+    (path / "metadata.yaml").write_text(
+        f"rosbag2_bagfile_information:\n  version: 9\n  relative_file_paths:\n  - {name}\n"
+    )
+    bag = read_bag(path)
+    assert bag.message_count == 21
+    assert "is missing" in bag.damage[0]
 
 
 def test_types_that_jazzy_has_not_are_learned_from_the_bag(tmp_path: Path) -> None:

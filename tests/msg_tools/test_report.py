@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import RobotRecording
 from rich.console import Console
@@ -58,6 +59,7 @@ def test_all_files_are_written_and_agree(tmp_path: Path) -> None:
     results = json.loads((out / "results.json").read_text())
     assert results["targets_sent"] == 12
     assert results["targets_answered"] == 11
+    assert results["targets_unanswered"] == 1
     assert results["targets_refused"] == 1
     assert results["position_error_mm"].keys() >= {"p50", "p95", "max"}
     assert results["position_error_mm"]["max"] == pytest.approx(0.1)
@@ -104,6 +106,53 @@ def test_errors_over_decades_and_without_errors_can_be_drawn(tmp_path: Path) -> 
     report = write_report(recording.write(tmp_path / "exact"), tmp_path / "out")
     assert report.position_error_mm is not None
     assert report.position_error_mm.max == 0.0
+
+
+def test_unanswered_and_refused_targets_are_shown_apart(tmp_path: Path) -> None:
+    recording = RobotRecording(count=20, refused=range(3, 10))
+    recording.add_diagnostics({"not finite": 5})
+    report = write_report(recording.write(tmp_path / "bag"), tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "<b>7</b> unanswered" in page
+    assert "<b>5</b> refused" in page
+    text = printed(report)
+    assert "unanswered" in text
+    (row,) = (line for line in text.splitlines() if "not finite: 5" in line)
+    assert [word for word in row.split() if word.isdigit()] == ["20", "13", "7", "5", "5"]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e308, -1e200, 1e6, 1e-320])
+def test_numbers_beyond_all_measure_neither_stop_a_report_nor_enter_it(
+    tmp_path: Path, value: float
+) -> None:
+    """In achieved poses and in recorded errors; results.json stays JSON, which has no NaN."""
+    recording = RobotRecording(count=10)
+    for message in recording.messages[::3]:
+        if message.relative_topic == "achieved_pose":
+            message.content.pose.position.y = value
+        if message.relative_topic.startswith("tracking_error"):
+            message.content.vector.z = value
+    write_report(recording.write(tmp_path / "bag"), tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+
+    def refuse(constant: str) -> None:
+        pytest.fail(f"{constant} is not JSON")
+
+    text = (tmp_path / "out" / "results.json").read_text()
+    results = json.loads(text, parse_constant=refuse)
+    assert results["targets_paired"] > 0
+
+
+def test_errors_of_next_to_nothing_can_be_drawn(tmp_path: Path) -> None:
+    recording = RobotRecording(count=6)
+    recording.target = lambda number: np.array([0, 0, 0, 0, 0, 0, 1.0])  # type: ignore[method-assign]
+    recording.achieved = lambda number: np.array(  # type: ignore[method-assign]
+        [5e-324 * 10**number, 0, 0, 0, 0, 0, 1.0]
+    )
+    recording.messages.clear()
+    recording.__post_init__()
+    report = write_report(recording.write(tmp_path / "bag"), tmp_path / "out")
+    assert len(report.targets) == 6
 
 
 def test_no_pairs_are_numbers_of_none_in_json(tmp_path: Path) -> None:

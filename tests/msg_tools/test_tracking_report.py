@@ -84,6 +84,99 @@ def test_refused_targets_are_counted_and_do_not_shift_the_pairs(tmp_path: Path) 
     assert report.notes == ()
 
 
+def test_targets_replaced_in_the_queue_are_unanswered_but_not_refused(tmp_path: Path) -> None:
+    recording = RobotRecording(count=10, refused=(3, 4, 5))
+    recording.add_diagnostics({"not finite": 1})
+    report = report_of(tmp_path, recording)
+    assert (report.targets_sent, report.targets_answered) == (10, 7)
+    assert (report.targets_unanswered, report.targets_refused) == (3, 1)
+    results = report.results()
+    assert (results["targets_unanswered"], results["targets_refused"]) == (3, 1)
+
+
+def test_without_diagnostics_the_unanswered_targets_count_as_refused(tmp_path: Path) -> None:
+    report = report_of(tmp_path, RobotRecording(count=10, refused=(3, 4)))
+    assert (report.targets_unanswered, report.targets_refused) == (2, 2)
+    assert "counted as refused" in report.notes[0]
+
+
+def test_answered_is_what_has_a_command(tmp_path: Path) -> None:
+    """Not what has an accepted target, of which a recorder may have kept fewer or more."""
+    recording = RobotRecording(count=10)
+    lost = {"accepted_target": {2, 3}, "joint_command": {5}}
+    recording.messages = [
+        message
+        for message in recording.messages
+        if not any(
+            message.relative_topic == topic
+            and message.content.header.stamp.nanosec
+            in {recording.stamp(number) % 10**9 for number in numbers}
+            for topic, numbers in lost.items()
+        )
+    ]
+    report = report_of(tmp_path, recording)
+    assert (report.targets_sent, report.targets_answered, report.targets_unanswered) == (10, 9, 1)
+    assert len(report.targets) == 8
+    assert any("1 accepted targets have no command" in note for note in report.notes)
+
+
+def test_latency_ends_with_the_command(tmp_path: Path) -> None:
+    """Not with the accepted target, which is another message, published at another time."""
+    recording = RobotRecording(count=10)
+    for message in recording.messages:
+        if message.relative_topic == "joint_command":
+            message.publish_time_ns += 70_000
+            message.log_time_ns += 1_000_000
+        if message.relative_topic == "accepted_target":
+            message.publish_time_ns -= 200_000
+    report = report_of(tmp_path, recording)
+    assert [target.latency_us for target in report.targets] == [570.0] * 10
+
+
+def _holding_still(
+    count: int, dropped: tuple[int, ...] = (), latency_ns: int = 500_000
+) -> RobotRecording:
+    """The same target again and again."""
+    recording = RobotRecording(count=count, refused=dropped, latency_ns=latency_ns)
+    recording.target = lambda number: np.array([0.5, 0, 0, 0, 0, 0, 1.0])  # type: ignore[method-assign]
+    recording.messages.clear()
+    recording.__post_init__()
+    return recording
+
+
+def test_equal_targets_that_are_all_answered_are_matched_in_order(tmp_path: Path) -> None:
+    """Also if the answers come two targets late."""
+    report = report_of(tmp_path, _holding_still(30, latency_ns=25_000_000))
+    assert [target.latency_us for target in report.targets] == [25_000.0] * 30
+    assert report.notes == ()
+
+
+def test_equal_targets_of_which_some_were_dropped_have_no_latency_that_may_be_wrong(
+    tmp_path: Path,
+) -> None:
+    recording = _holding_still(30, dropped=(10, 20))
+    recording.add_diagnostics({"not finite": 2})
+    report = report_of(tmp_path, recording)
+    # Up to the first that was dropped, only one sent target was there to be answered.
+    assert [target.latency_us for target in report.targets] == [500.0] * 10 + [None] * 18
+    (note,) = report.notes
+    assert note.startswith("18 of 28 answered targets are like several that were sent")
+
+
+def test_another_target_between_equal_ones_ends_the_doubt(tmp_path: Path) -> None:
+    recording = _holding_still(30, dropped=(10,))
+    for number in (15,):
+        for message in recording.messages:
+            sent = message.publish_time_ns - recording.stamp(number) + 100_000
+            if 0 <= sent < 9_000_000 and message.relative_topic == "target_pose":
+                message.content.position.y = 0.25
+            if 0 <= sent < 9_000_000 and message.relative_topic == "accepted_target":
+                message.content.pose.position.y = 0.25
+    report = report_of(tmp_path, recording)
+    expected = [500.0] * 10 + [None] * 4 + [500.0] * 15
+    assert [target.latency_us for target in report.targets] == expected
+
+
 def test_only_the_last_diagnostics_count(tmp_path: Path) -> None:
     recording = RobotRecording(count=10, refused=(3, 4))
     recording.add_diagnostics({"not finite": 1})
@@ -255,6 +348,21 @@ def test_a_recorded_error_that_is_no_number_disagrees(tmp_path: Path) -> None:
         )
     report = report_of(tmp_path, recording)
     assert "disagree" in report.notes[0]
+    assert report.recorded_error_difference is None
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e308, -1e200])
+@pytest.mark.parametrize("topic", ["tracking_error/position", "tracking_error/orientation"])
+def test_recorded_errors_that_are_no_numbers_do_not_hide_the_others(
+    tmp_path: Path, topic: str, value: float
+) -> None:
+    recording = RobotRecording(count=5)
+    next(m for m in recording.messages if m.relative_topic == topic).content.vector.y = value
+    report = report_of(tmp_path, recording)
+    assert report.recorded_error_difference is not None
+    assert max(report.recorded_error_difference) < 1e-12
+    (note,) = report.notes
+    assert "1 recorded tracking errors are no numbers" in note
 
 
 def test_a_bag_without_recorded_errors_says_so(tmp_path: Path) -> None:
@@ -274,10 +382,12 @@ def test_a_repeated_stamp_pairs_with_nothing(tmp_path: Path) -> None:
     assert any("several achieved poses" in note for note in report.notes)
 
 
-def test_a_result_that_is_no_pose_is_left_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e308, -1e200, 1e7])
+@pytest.mark.parametrize("topic", ["achieved_pose", "accepted_target"])
+def test_a_result_that_is_no_pose_is_left_out(tmp_path: Path, topic: str, value: float) -> None:
     recording = RobotRecording(count=4)
-    message = next(m for m in recording.messages if m.relative_topic == "achieved_pose")
-    message.content.pose.position.x = float("nan")
+    message = next(m for m in recording.messages if m.relative_topic == topic)
+    message.content.pose.position.x = value
     report = report_of(tmp_path, recording)
     assert len(report.targets) == 3
     assert any("no pose" in note for note in report.notes)

@@ -21,6 +21,8 @@ BUILD_TIMEOUT = 120.0  # [s]
 START_TIMEOUT = 30.0  # [s]
 STOP_TIMEOUT = 5.0  # [s]
 
+DOMAINS = 102  # ROS domains that every platform supports: 0 to 101
+
 
 @pytest.fixture(scope="module", params=["plain", "symlink"])
 def workspace(request, tmp_path_factory):
@@ -111,7 +113,7 @@ def environment() -> dict[str, str]:
         "AMENT_PREFIX_PATH": os.pathsep.join(prefix for prefix in prefixes if prefix),
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{kept['PATH']}",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(100 + os.getpid() % 100),
+        "ROS_DOMAIN_ID": str(os.getpid() % DOMAINS),
     }
 
 

@@ -286,6 +286,43 @@ def test_the_fake_robot_refuses_bad_commands_and_stays_where_it_was(
         )
 
 
+@pytest.mark.parametrize("topic", ["command", "accepted_target"])
+@pytest.mark.parametrize(("seconds", "nanosec"), [(2**31 - 1, 4_000_000_000), (1, 10**9)])
+def test_a_stamp_that_is_none_is_refused_and_the_fake_robot_goes_on(
+    launch: Callable[..., Any], client: Any, topic: str, seconds: int, nanosec: int
+) -> None:
+    """On either topic: counted, named in the log, and the next pair is measured."""
+    robot = load_robot("gantry")
+    middle = robot.joint_box.centre
+    pose = robot.forward_kinematics.poses(middle[np.newaxis])[0]
+    node = launch("fake_robot_node")
+    client.wait_until(lambda: _robot_listens(client), "the robot")
+    messages = {
+        "command": _command(robot.joint_names, middle.tolist(), 1),
+        "accepted_target": client.pose_stamped(pose, 1, "base_link"),
+    }
+    stamp = messages[topic].header.stamp
+    stamp.sec, stamp.nanosec = seconds, nanosec
+    getattr(client, topic).publish(messages[topic])
+    node.wait_for_line(f"header.stamp.nanosec is {nanosec}")
+    counted = {
+        "command": "refused: malformed stamp",
+        "accepted_target": "accepted targets ignored",
+    }[topic]
+    client.wait_for_status("fake_robot", lambda values: values.get(counted) == "1", counted)
+
+    def measured() -> bool:
+        client.accepted_target.publish(client.pose_stamped(pose, 2, "base_link"))
+        client.command.publish(_command(robot.joint_names, middle.tolist(), 2))
+        client.take_messages(0.3)
+        return 2 in client.stamps("tracking_error/position")
+
+    client.wait_until(measured, "the error of a good pair")
+    assert set(client.stamps("joint_states")) == {2}
+    assert node.process.poll() is None
+    assert "Traceback" not in node.log
+
+
 def _said(node: Any, text: str, client: Any, message: JointState) -> bool:
     client.command.publish(message)
     client.take_messages(0.2)

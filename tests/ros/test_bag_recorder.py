@@ -281,6 +281,40 @@ def test_wrong_parameters_are_one_error_and_exit_code_1(
     assert [path.name for path in (tmp_path / "occupied").iterdir()] == ["file"]
 
 
+def test_a_wrong_command_line_is_one_error_and_exit_code_1(start: Start) -> None:
+    recorder = start_recorder(start, "output")
+    assert recorder.wait(START_TIMEOUT) == 1
+    output = "\n".join(recorder.lines)
+    assert "Traceback" not in output
+    assert output.count("FATAL") == 1
+    assert "output" in output
+
+
+def test_a_type_that_is_not_installed_does_not_keep_the_others_from_being_recorded(
+    start: Start, tmp_path: Path
+) -> None:
+    # An empty package where the recorder starts hides the real one from it.
+    (tmp_path / "shape_msgs").mkdir()
+    (tmp_path / "shape_msgs" / "__init__.py").write_text("")
+    publisher = start(
+        "-c",
+        "import sys; sys.path.remove('')\n"
+        "import rclpy; from shape_msgs.msg import Plane\n"
+        "rclpy.init(); node = rclpy.create_node('other')\n"
+        "publisher = node.create_publisher(Plane, 'planes', 1)\n"
+        "print('ready', flush=True); sys.stdin.read()",
+    )
+    publisher.wait_for("ready")
+    recorder = start_recorder(start, "output:=bag", "topics:=['planes', 'target_pose']")
+    recorder.wait_for("recording 1 topics to bag")
+    start_publisher(start, count=20).wait_for(r"^19 ")
+    wait_until(lambda: len(recorded_numbers(tmp_path / "bag")) == 20)
+    assert recorder.end(signal.SIGINT) == 0
+    output = "\n".join(recorder.lines)
+    assert "Traceback" not in output
+    assert output.count("/planes is not recorded: shape_msgs/msg/Plane is not installed") == 1
+
+
 def test_a_full_disk_ends_the_recording_and_keeps_what_there_is(
     start: Start, tmp_path: Path
 ) -> None:

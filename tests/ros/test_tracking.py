@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from annik_core.pose import pose_from_roll_pitch_yaw
@@ -80,6 +81,50 @@ def test_the_tracking_error_is_target_minus_achieved_and_small(
         assert command.name == state.name
         assert list(command.position) == list(state.position)
         assert len(command.velocity) == len(command.effort) == 0
+
+
+def test_the_orientation_error_is_the_rotation_from_achieved_to_target(
+    launch: Callable[..., Any], client: Any
+) -> None:
+    """As a rotation vector in the base frame, of the two poses that are published too."""
+    launch("ik_node", "-p", "queue_depth:=100")
+    launch("fake_robot_node")
+    client.connect(CONTACT, "tracking_error/orientation")
+    targets = diagonal_path()
+    for target in targets:
+        client.send(target)
+    client.wait_for_results(targets[-1], ("achieved_pose", "tracking_error/orientation"))
+    by_stamp = {
+        topic: dict(zip(client.stamps(topic), client.received[topic], strict=True))
+        for topic in ("accepted_target", "achieved_pose", "tracking_error/orientation")
+    }
+    for target in targets:
+        (stamp,) = client.stamps_of(target)
+        wanted, achieved = (
+            Rotation.from_quat(pose_from_message(by_stamp[topic][stamp].pose)[3:])
+            for topic in ("accepted_target", "achieved_pose")
+        )
+        turn = vector3_from_message(by_stamp["tracking_error/orientation"][stamp].vector)
+        assert np.linalg.norm(turn) > 0
+        np.testing.assert_allclose(turn, (wanted * achieved.inv()).as_rotvec(), rtol=0, atol=1e-12)
+        turned = Rotation.from_rotvec(turn) * achieved
+        assert (turned * wanted.inv()).magnitude() < 1e-12
+
+
+def test_a_stamp_is_the_time_at_which_its_target_was_accepted(
+    launch: Callable[..., Any], client: Any
+) -> None:
+    """After the target was sent and before the command came, by the clock on the wall."""
+    launch("ik_node")
+    client.connect(CONTACT)
+    for target in diagonal_path(10):
+        before = time.time_ns()
+        client.send(target)
+        client.wait_for_results(target, ["joint_command"])
+        after = time.time_ns()
+        (stamp,) = client.stamps_of(target)
+        assert before <= stamp <= after
+        assert stamp in client.stamps("joint_command")
 
 
 def test_a_burst_is_answered_by_its_newest_target_at_depth_one(
