@@ -15,7 +15,7 @@ from typing import NoReturn
 from annik_core.errors import AnnikError
 
 _POLL_PERIOD = 0.02
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _running: list[ChildProcess] = []
 

@@ -141,7 +141,7 @@ def _empty(folder: Path) -> None:
         if folder.exists() and any(folder.iterdir()):
             if not marker.is_file():
                 raise AnnikError(
-                    f"{folder} holds files that are not of a demo: give --out another folder"
+                    f"{folder} is not the folder of a demo: remove it, or give --out another"
                 )
             shutil.rmtree(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -161,7 +161,10 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("build/demo"), help="folder to fill")
     folder = parser.parse_args().out
     console = Console()
-    signal.signal(signal.SIGTERM, _on_termination)
+    # A shell that starts the demo in the background has SIGINT ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _on_termination)
     try:
         run_demo(folder, console)
     except KeyboardInterrupt:

@@ -95,7 +95,7 @@ class TargetPublisherParameters:
         minimum=2,
         maximum=10_000_000,
     )
-    rate: float = parameter(50.0, "Targets per second.", unit="Hz", minimum=1e-3, maximum=10_000.0)
+    rate: float = parameter(10.0, "Targets per second.", unit="Hz", minimum=1e-3, maximum=10_000.0)
     loops: int = parameter(
         1, "How many times to follow the path; 0: for ever.", minimum=0, maximum=1_000_000_000
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 #: Results are few and each matters: none is left out unless a reader is this far behind.
-RESULT_DEPTH = 100
+RESULT_DEPTH = 1000
 
 
 def reliable(depth: int) -> QoSProfile:

@@ -30,10 +30,11 @@ NODE_NAME = "target_publisher"
 
 #: Time between two looks at whether a subscriber has come, or the last target has arrived [s].
 POLL_PERIOD = 0.02
-#: Time from the last subscriber's coming to the first target [s]. A subscriber is known to us
-#: before we are known to it; what is published in between reaches it all at once, and one that
-#: keeps only the newest target would lose the rest.
-SETTLING_TIME = 0.5
+#: Time without a new subscriber before the first target [s]. Discovery finds those that are there
+#: one after the other; and a subscriber is known to us before we are known to it: what is
+#: published in between reaches it all at once, and one that keeps only the newest target loses
+#: the rest.
+SETTLING_TIME = 1.5
 #: How long subscribers may take to confirm the last targets [s].
 DELIVERY_TIMEOUT = 10.0
 
@@ -81,6 +82,8 @@ class TargetPublisher(Node):
         self._options = declare_parameters(self, TargetPublisherParameters)
         self._targets = _targets(self._options)
         self._published = 0
+        self._subscribers = 0
+        self._settled_at = 0.0
         message_type, topic = (
             (PoseStamped, TARGET_POSE_STAMPED) if self._options.stamped else (Pose, TARGET_POSE)
         )
@@ -100,10 +103,14 @@ class TargetPublisher(Node):
     def _wait_for_subscribers(self) -> None:
         found = self._publisher.get_subscription_count()
         wanted = self._options.wait_for_subscribers
+        now = time.monotonic()
+        if found != self._subscribers:
+            self._subscribers = found
+            self._settled_at = now + SETTLING_TIME
         if found >= wanted:
-            self.destroy_timer(self._timer)
-            self._timer = self._every(SETTLING_TIME if wanted else 0.0, self._begin)
-        elif time.monotonic() > self._deadline:
+            if wanted == 0 or now >= self._settled_at:
+                self._begin()
+        elif now > self._deadline:
             raise NoSubscribers(
                 self._publisher.topic_name, found, wanted, self._options.wait_timeout
             )

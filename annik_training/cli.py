@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from annik_training.train import TrainingResult
 
 #: What to install for a library that not every command needs.
-_EXTRAS = {"torch": "training", "onnxscript": "training"}
+_EXTRAS = {"torch": "training", "onnxscript": "training", "sympy": "training"}
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _PATH = click.Path(path_type=Path)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from annik_core.errors import ArtifactNotWritable
 from annik_core.robot import Robot
 from annik_training.dataset import Dataset, compute_random_dataset
 from annik_training.evaluation import Evaluation, evaluate
@@ -48,12 +50,23 @@ def train(
         ExportMismatch: see :func:`annik_training.export_onnx.export_model`.
         ArtifactNotWritable: likewise.
     """
+    _check_writable(path)
     fitted = fit(dataset, options, on_restart)
     evaluation = evaluate(
         fitted.network.joint_positions, evaluation_dataset(dataset.robot, options.seed)
     )
     export_model(fitted, evaluation, path)
     return TrainingResult(path, fitted, evaluation)
+
+
+def _check_writable(path: Path) -> None:
+    """Find out before the fit, not after it."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise ArtifactNotWritable(path, error.strerror or str(error)) from error
 
 
 def evaluation_dataset(robot: Robot, seed: int) -> Dataset:

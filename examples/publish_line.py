@@ -16,6 +16,7 @@ rclpy.init()
 node = rclpy.create_node("line")
 targets = node.create_publisher(Pose, "target_pose", 10)
 errors = node.create_subscription(Vector3Stamped, "tracking_error/position", on_error, 10)
+print("waiting for ik_node and fake_robot")
 while targets.get_subscription_count() < 1 or errors.get_publisher_count() < 1:
     rclpy.spin_once(node, timeout_sec=0.1)
 for step in range(51):

@@ -5,11 +5,13 @@ Nothing is checked here; annik_core.ik_solver.IkSolver checks limits, workspace 
 
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import onnxruntime
 
-session = onnxruntime.InferenceSession(sys.argv[1] if sys.argv[1:] else "models/gantry.onnx")
+packaged = Path(__file__).parents[1] / "models" / "gantry.onnx"
+session = onnxruntime.InferenceSession(sys.argv[1] if sys.argv[1:] else packaged)
 metadata = session.get_modelmeta().custom_metadata_map
 
 # x, y, z [m] and the unit quaternion x, y, z, w; as many rows as you like.

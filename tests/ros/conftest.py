@@ -52,6 +52,7 @@ TIMEOUT = 20.0
 #: Domains that every platform supports.
 DOMAINS = 102
 READY_LINES = {
+    "bag_recorder": "recording ",
     "ik_node": "target_pose -> joint_command",
     "fake_robot_node": "joint_command -> joint_states",
     "target_publisher": "subscriber(s)",

@@ -100,5 +100,5 @@ def test_a_folder_with_other_files_is_not_emptied(tmp_path: Path) -> None:
         timeout=60,
     )
     assert result.returncode == 1
-    assert "not of a demo" in result.stderr
+    assert "not the folder of a demo" in result.stderr
     assert photo.read_text() == "dear"
