@@ -68,7 +68,9 @@ class SeparableProblem:
         self._hidden = hidden
         self._shapes = {name: value.shape for name, value in hidden.named_parameters()}
         self._inputs = inputs
-        self._columns = ridge_rows(hidden)
+        units = hidden.layers[-1].out_features
+        assert isinstance(units, int)
+        self._columns = units + 1
         self._ridge_rows = ridge * torch.eye(self._columns, dtype=torch.float64)
         padding = torch.zeros(self._columns, targets.shape[1], dtype=torch.float64)
         self._stacked_targets = torch.cat([targets, padding])
@@ -87,10 +89,7 @@ class SeparableProblem:
         derivatives = vmap(jacrev(self._activations), in_dims=(None, 0))(named, self._inputs)
         with torch.no_grad():
             flat = torch.cat([derivatives[name].flatten(start_dim=2) for name in named], dim=2)
-            orthonormal, triangular = torch.linalg.qr(self._stacked(weights))
-            output = torch.linalg.solve_triangular(
-                triangular, orthonormal.T @ self._stacked_targets, upper=True
-            )
+            orthonormal, output = self._solution(weights)
             examples = len(self._inputs)
             moved = torch.einsum("nhp,hk->nkp", flat, output[:-1]).reshape(examples, -1)
             # The ridge rows of dA/dp are zero, so they enter only through the projection.
@@ -107,10 +106,7 @@ class SeparableProblem:
     def output_layer(self, weights: FloatArray) -> tuple[Tensor, Tensor]:
         """The best output weight ``(k, h)`` and bias ``(k,)`` at these hidden weights."""
         with torch.no_grad():
-            orthonormal, triangular = torch.linalg.qr(self._stacked(weights))
-            output = torch.linalg.solve_triangular(
-                triangular, orthonormal.T @ self._stacked_targets, upper=True
-            )
+            _, output = self._solution(weights)
         return output[:-1].T.contiguous(), output[-1].contiguous()
 
     def mean_square_error(self, weights: FloatArray) -> float:
@@ -122,8 +118,22 @@ class SeparableProblem:
     def assign(self, weights: FloatArray) -> None:
         """Put these weights into the hidden layers."""
         with torch.no_grad():
+            named = self._named(weights)
             for name, parameter in self._hidden.named_parameters():
-                parameter.copy_(self._named(weights)[name])
+                parameter.copy_(named[name])
+
+    @property
+    def residuals(self) -> int:
+        """How many numbers :meth:`residual` returns."""
+        return self._stacked_targets.numel()
+
+    def _solution(self, weights: FloatArray) -> tuple[Tensor, Tensor]:
+        """Q of A and the output weights C, with the bias as last row."""
+        orthonormal, triangular = torch.linalg.qr(self._stacked(weights))
+        output = torch.linalg.solve_triangular(
+            triangular, orthonormal.T @ self._stacked_targets, upper=True
+        )
+        return orthonormal, output
 
     def _named(self, weights: FloatArray) -> dict[str, Tensor]:
         sizes = [shape.numel() for shape in self._shapes.values()]
@@ -162,7 +172,7 @@ def fit_separable(
     problem = SeparableProblem(hidden, inputs, targets, ridge)
     start = torch.cat([value.detach().reshape(-1) for value in hidden.parameters()]).numpy()
     # MINPACK wants at least as many residuals as weights; SciPy's own method does not.
-    enough = targets.numel() + ridge_rows(hidden) * targets.shape[1] >= start.size
+    enough = problem.residuals >= start.size
     solution = least_squares(
         problem.residual,
         start,
@@ -176,15 +186,3 @@ def fit_separable(
     problem.assign(solution.x)
     weight, bias = problem.output_layer(solution.x)
     return SeparableFit(weight, bias, problem.mean_square_error(solution.x), int(solution.nfev))
-
-
-def ridge_rows(hidden: HiddenLayers) -> int:
-    """Rows that the ridge adds per output: one per unit of the last layer, one for the bias."""
-    return last_units(hidden) + 1
-
-
-def last_units(hidden: HiddenLayers) -> int:
-    """Units of the last hidden layer."""
-    units = hidden.layers[-1].out_features
-    assert isinstance(units, int)
-    return units
