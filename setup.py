@@ -54,7 +54,11 @@ setup(
     packages=find_packages(
         include=[name for package in IMPORT_PACKAGES for name in (package, f"{package}.*")]
     ),
-    package_data={"": ["py.typed"], "msg_tools": ["*.jinja"]},
+    package_data={
+        "": ["py.typed"],
+        "annik_training.paper": ["*.jinja"],
+        "msg_tools": ["*.jinja"],
+    },
     data_files=data_files(),
     # The libraries read stay with the lowest versions known to work: Ubuntu's ROS 2 Jazzy is built
     # for numpy 1.26. constraints.txt holds the versions that ./run installs and tests.
@@ -73,7 +77,7 @@ setup(
         "scipy>=1.11",
     ],
     extras_require={
-        "training": ["onnxscript>=0.2", "sympy>=1.12", "torch>=2.4"],
+        "training": ["joblib>=1.4", "onnxscript>=0.2", "sympy>=1.12", "torch>=2.4"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "dev": [

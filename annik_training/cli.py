@@ -7,8 +7,10 @@ torch is not installed.
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,18 +22,23 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from annik_core.atomic_write import write_files_atomically
-from annik_core.errors import AnnikError, DesignError
+from annik_core.errors import AnnikError
 from annik_core.version import VERSION
 
 if TYPE_CHECKING:
     from annik_training.dataset import Dataset
-    from annik_training.design_diagnostics import DesignDiagnostics
+    from annik_training.designs.diagnostics import DesignDiagnostics
     from annik_training.evaluation import Evaluation
-    from annik_training.fit import Restart
+    from annik_training.fitting.fit_network import Restart
     from annik_training.train import TrainingResult
 
 #: What to install for a library that not every command needs.
-_EXTRAS = {"torch": "training", "onnxscript": "training", "sympy": "training"}
+_EXTRAS = {
+    "joblib": "training",
+    "torch": "training",
+    "onnxscript": "training",
+    "sympy": "training",
+}
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _PATH = click.Path(path_type=Path)
@@ -44,19 +51,27 @@ _SEED = click.option(
 )
 
 
+_DEFAULT_DESIGN = "thirty_phase"
+_DESIGN_NAMES = (
+    "thirty_phase, thirty_phase_plus, workspace_grid, central_composite, latin_hypercube, sobol, "
+    "random or active"
+)
+
+
 def _design_options(command: Any) -> Any:
+    """Sizes and options of the designs of experiments, with the defaults of the sizes."""
     for option in reversed(
         (
             click.option(
-                "--design",
-                default="thirty_phase",
-                show_default=True,
-                help="Design of experiments: thirty_phase, thirty_phase_plus, workspace_grid, "
-                "latin_hypercube, sobol or random.",
+                "--steps", type=int, help="thirty_phase(_plus): steps j of each sweep (default 6)."
             ),
-            click.option("--steps", type=int, help="thirty_phase(_plus): steps j of each sweep."),
             click.option(
-                "--examples", type=int, help="latin_hypercube, sobol, random: how many examples."
+                "--examples",
+                type=int,
+                help="latin_hypercube, sobol, random, active: how many examples (default 100).",
+            ),
+            click.option(
+                "--shells", type=int, help="central_composite: nested boxes (default 1)."
             ),
             click.option(
                 "--paper-rows",
@@ -65,12 +80,14 @@ def _design_options(command: Any) -> Any:
                 help="thirty_phase: the rows as the paper counts them (104, 194).",
             ),
             click.option(
-                "--positions-per-axis", type=int, help="workspace_grid: positions on x, y and z."
+                "--positions-per-axis",
+                type=int,
+                help="workspace_grid: positions on x, y and z (default 4).",
             ),
             click.option(
                 "--orientation-levels",
                 type=int,
-                help="workspace_grid: fractions of roll, pitch and yaw.",
+                help="workspace_grid: fractions of roll, pitch and yaw (default 1).",
             ),
         )
     ):
@@ -84,17 +101,34 @@ def cli() -> None:
     """Learned inverse kinematics for ROS 2, from few examples."""
 
 
-@cli.command()
+@cli.command(
+    help="Choose the joint positions of the examples by a design of experiments. "
+    f"NAME is {_DESIGN_NAMES}; left out, {_DEFAULT_DESIGN}."
+)
+@click.argument("design", metavar="[NAME]", default=_DEFAULT_DESIGN)
 @_ROBOT
 @_design_options
 @_SEED
-@click.option("--check", is_flag=True, help="Also say what the examples can and can't show.")
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Also say what the examples can and can't show, and draw a pair plot.",
+)
+@click.option(
+    "--plot",
+    type=_FILE,
+    help="--check, and where the plot goes (.png), with the numbers beside it (.json). "
+    "Default: DESIGN_ROBOT_pairs.png in the current folder.",
+)
 @click.option("--out", type=_FILE, help="Also compute the poses and save the dataset (.npz).")
-def design(robot: str, seed: int, check: bool, out: Path | None, **choices: Any) -> None:
+def design(
+    robot: str, seed: int, check: bool, plot: Path | None, out: Path | None, **choices: Any
+) -> None:
     """Choose the joint positions of the examples."""
     from annik_training.dataset import save_dataset
-    from annik_training.design_diagnostics import diagnose
 
+    if plot is not None and plot.suffix != ".png":
+        raise AnnikError(f"{plot} can't be written: a plot is a PNG, its name must end in .png")
     dataset = _computed_dataset(robot, seed, choices)
     Console().print(
         escape(
@@ -102,8 +136,8 @@ def design(robot: str, seed: int, check: bool, out: Path | None, **choices: Any)
             f"({', '.join(dataset.robot.joint_names)})"
         )
     )
-    if check:
-        _print_diagnostics(diagnose(dataset.joint_positions, dataset.robot.joint_box))
+    if check or plot is not None:
+        _check_design(dataset, plot or Path(_file_name(dataset, "pairs.png")))
     if out is not None:
         save_dataset(dataset, out)
         Console().print(f"wrote {escape(str(out))}")
@@ -111,6 +145,12 @@ def design(robot: str, seed: int, check: bool, out: Path | None, **choices: Any)
 
 @cli.command()
 @_ROBOT
+@click.option(
+    "--design",
+    default=_DEFAULT_DESIGN,
+    show_default=True,
+    help=f"Design of experiments: {_DESIGN_NAMES}.",
+)
 @_design_options
 @_SEED
 @click.option(
@@ -123,6 +163,24 @@ def design(robot: str, seed: int, check: bool, out: Path | None, **choices: Any)
 @click.option(
     "--max-evaluations", type=int, default=50, show_default=True, help="Residuals per start."
 )
+@click.option(
+    "--held-out",
+    type=float,
+    default=0.15,
+    show_default=True,
+    help="Part of the examples that only chooses the best start; 0: fit all of them.",
+)
+@click.option("--linear-path", is_flag=True, help="Let the inputs reach the outputs directly too.")
+@click.option(
+    "--sobolev",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Weight of the slopes: match the Jacobian too. 0: off; 1 suits examples without noise.",
+)
+@click.option(
+    "--bayesian", is_flag=True, help="Choose the weight decay by the evidence: for noisy examples."
+)
 @click.option("--out", type=_FILE, required=True, help="The model file to write (.onnx).")
 @click.option("--summary", type=_FILE, help="Also write what came out as JSON.")
 def train(
@@ -132,19 +190,27 @@ def train(
     hidden: str,
     restarts: int,
     max_evaluations: int,
+    held_out: float,
+    linear_path: bool,
+    sobolev: float,
+    bayesian: bool,
     out: Path,
     summary: Path | None,
     **choices: Any,
 ) -> None:
     """Train a network on few examples and write it as a model file."""
     from annik_training.dataset import load_dataset
-    from annik_training.fit import FitOptions
+    from annik_training.fitting.fit_options import FitOptions
     from annik_training.train import train as train_model
 
     options = FitOptions(
         hidden_units=_hidden_units(hidden),
         restarts=restarts,
         max_evaluations=max_evaluations,
+        held_out_fraction=held_out,
+        linear_path=linear_path,
+        slope_weight=sobolev,
+        bayesian_regularisation=bayesian,
         seed=seed,
     )
     if dataset_path is not None:
@@ -157,7 +223,7 @@ def train(
         TextColumn("fitting {task.fields[label]}"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("starts, best held-out error {task.fields[best]}"),
+        TextColumn("starts, best error {task.fields[best]}"),
         TimeElapsedColumn(),
         console=console,
     ) as progress:
@@ -167,7 +233,7 @@ def train(
 
         def on_restart(restart: Restart) -> None:
             nonlocal best
-            best = min(best, restart.held_out_error)
+            best = min(best, restart.choosing_error)
             progress.update(task, advance=1, best=f"{best:.1e}")
 
         result = train_model(dataset, out, options, on_restart)
@@ -221,6 +287,124 @@ def report(bag: Path, out: Path | None, namespace: str | None) -> None:
     click.echo(f"report: {folder / 'report.html'}")
 
 
+def _names(_: click.Context, __: click.Parameter, text: str | None) -> tuple[str, ...] | None:
+    """A list of names as it is typed, each once."""
+    if text is None:
+        return None
+    return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+
+
+def _numbers(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> tuple[int, ...] | None:
+    names = _names(context, parameter, text)
+    try:
+        return None if names is None else tuple(dict.fromkeys(map(int, names)))
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not a list of numbers like 16,32") from error
+
+
+@cli.command()
+@click.option(
+    "--out",
+    type=_PATH,
+    default=Path("build/study"),
+    show_default=True,
+    help="Folder for results, summary, page and figures. Jobs found there are not run again.",
+)
+@click.option(
+    "--systems",
+    callback=_names,
+    help="F, elbow_arm, interaction, robots or definitions (.yaml); default gantry,F,elbow_arm.",
+)
+@click.option("--designs", callback=_names, help=f"Of {_DESIGN_NAMES}; default all.")
+@click.option(
+    "--training",
+    callback=_names,
+    help="Of plain, linear_path, sobolev, bayesian and sobolev_bayesian; default all.",
+)
+@click.option(
+    "--examples",
+    callback=_numbers,
+    help="How many, or the nearest that a design can have; default 16,32,64,128.",
+)
+@click.option("--seeds", type=int, help="How often to repeat each combination (default 5).")
+@click.option("--max-evaluations", type=int, help="Residuals per fit (default 50).")
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    help="Processes; as many as there are processors.",
+)
+@click.option("--quick", is_flag=True, help="A rough study of a minute; other options refine it.")
+@click.option("--docs", type=_PATH, help="Write the page and its figures to this folder too.")
+def study(
+    out: Path,
+    workers: int | None,
+    quick: bool,
+    docs: Path | None,
+    **choices: Any,
+) -> None:
+    """Compare designs and ways to train: error against number of examples.
+
+    Runs every design x training x system x number of examples x seed, as independent jobs. A
+    study that was stopped goes on where it was when the same command is given again.
+    """
+    from annik_training.study.command import study_command
+
+    given = {name: value for name, value in choices.items() if value is not None}
+    code = study_command(given, quick=quick, folder=out, workers=workers or -1, docs=docs)
+    click.get_current_context().exit(code)
+
+
+@cli.command()
+@click.option(
+    "--out",
+    type=_PATH,
+    default=Path("build/paper"),
+    show_default=True,
+    help="Folder for results.json, tables, figures and the page.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=2026,
+    show_default=True,
+    help="The master seed, from which all others are drawn.",
+)
+@click.option("--workers", type=click.IntRange(1), help="Processes; default: one per processor.")
+@click.option("--quick", is_flag=True, help="All parts, roughly, in about a minute.")
+@click.option("--docs", type=_PATH, help="Also write the page and its figures there.")
+def paper(out: Path, seed: int, workers: int | None, quick: bool, docs: Path | None) -> None:
+    """Reproduce the published method: every table and figure of the paper."""
+    from annik_training.paper.files import PAGE, RESULTS, check_writable, write_reproduction
+    from annik_training.paper.reproduction import PaperSettings, measure
+
+    if quick and docs is not None:
+        raise ConflictingOptions("--quick", ["--docs"])
+    check_writable(*(folder for folder in (out, docs) if folder is not None))
+    settings = PaperSettings.quick(seed) if quick else PaperSettings(seed)
+    with Progress(
+        TextColumn("reproducing the paper"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("jobs"),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+    ) as progress:
+        task = progress.add_task("", total=None)
+        measured = measure(
+            settings,
+            workers or -1,
+            lambda done, jobs: progress.update(task, completed=done, total=jobs),
+        )
+    write_reproduction(measured, out, docs)
+    Console().print(
+        f"wrote {PAGE}, {RESULTS}, tables and figures to {escape(str(out))}"
+        + (f", the page to {escape(str(docs))} too" if docs else ""),
+        soft_wrap=True,
+    )
+
+
 class ConflictingOptions(AnnikError):
     """Options were given together of which one makes the others meaningless."""
 
@@ -254,7 +438,7 @@ def _refuse_beside_dataset(*names: str) -> None:
 def _computed_dataset(robot_name: str, seed: int, choices: dict[str, Any]) -> Dataset:
     from annik_core.robot_library import load_robot
     from annik_training.dataset import compute_dataset
-    from annik_training.design_registry import find_design
+    from annik_training.designs.registry import find_design
 
     chosen = find_design(choices.pop("design"))
     # By identity: 0 equals False, but was given, and must be refused where it makes no sense.
@@ -264,10 +448,43 @@ def _computed_dataset(robot_name: str, seed: int, choices: dict[str, Any]) -> Da
         if value is not None and value is not False
     }
     size = given.pop(chosen.size_option, None)
+    used = chosen.default_size if size is None else size
+    dataset = compute_dataset(load_robot(robot_name), chosen.name, used, seed, given)
     if size is None:
-        flag = chosen.size_option.replace("_", "-")
-        raise DesignError(f"design {chosen.name} needs --{flag}: {chosen.size_means}")
-    return compute_dataset(load_robot(robot_name), chosen.name, size, seed, given)
+        Console().print(f"{chosen.name}: {chosen.size_flag} is {used}, the default")
+    return dataset
+
+
+def _check_design(dataset: Dataset, plot: Path) -> None:
+    """Say what the examples can and can't show: in the terminal, in a picture, in figures."""
+    from annik_training.designs.diagnostics import diagnose
+    from annik_training.designs.plot import pair_plot
+
+    robot = dataset.robot
+    diagnostics = diagnose(dataset.joint_positions, robot.joint_box)
+    _print_diagnostics(diagnostics)
+    title = f"{dataset.design}: {len(dataset)} examples for {robot.name}"
+    picture = pair_plot(
+        dataset.joint_positions, robot.joint_box, robot.joint_types, diagnostics, title
+    )
+    numbers = {
+        "robot": robot.name,
+        "design": dataset.design,
+        "design_options": dict(dataset.design_options),
+        "seed": dataset.seed,
+        **asdict(diagnostics),
+    }
+    beside = plot.with_suffix(".json")
+    _write(plot, picture)
+    _write(beside, json.dumps(numbers, indent=2) + "\n")
+    click.echo(f"wrote {plot} and {beside}")
+
+
+def _file_name(dataset: Dataset, what: str) -> str:
+    """A name for what was made of a dataset; a robot may be called anything."""
+    return "_".join(
+        re.sub(r"[^\w.-]", "-", part) for part in (dataset.design, dataset.robot.name, what)
+    )
 
 
 def _print_diagnostics(diagnostics: DesignDiagnostics) -> None:
@@ -276,8 +493,9 @@ def _print_diagnostics(diagnostics: DesignDiagnostics) -> None:
         table.add_row(name, str(model.rank), str(model.terms), f"{model.condition:.1f}")
     console = Console()
     console.print(table)
-    blind = ", ".join(f"{first} x {second}" for first, second in diagnostics.blind_interactions)
-    console.print(f"interactions it can't tell apart: {blind or 'none'}")
+    # Without spaces, so that no line ends within a product.
+    blind = ", ".join(f"{first}*{second}" for first, second in diagnostics.blind_interactions)
+    console.print(f"interactions it can't tell apart: {escape(blind) or 'none'}")
     console.print(
         f"largest empty ball: {diagnostics.largest_empty_ball:.2f} of half the box's diagonal"
     )
@@ -335,10 +553,11 @@ def _training_summary(result: TrainingResult) -> dict[str, Any]:
     }
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, content: str | bytes) -> None:
+    data = content.encode() if isinstance(content, str) else content
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_files_atomically(path.parent, {path.name: text.encode()})
+        write_files_atomically(path.parent, {path.name: data})
     except OSError as error:
         raise AnnikError(f"{path} can't be written: {error.strerror}") from error
 

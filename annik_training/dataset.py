@@ -22,7 +22,7 @@ from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray, pose_difference
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
-from annik_training.design_registry import make_design
+from annik_training.designs.registry import make_design
 
 FORMAT_VERSION = 1
 COMPUTED = "computed by the forward kinematics"

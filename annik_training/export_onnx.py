@@ -21,7 +21,7 @@ from annik_core.version import VERSION
 from annik_training.dataset import compute_random_dataset
 from annik_training.evaluation import Evaluation
 from annik_training.fit import FittedNetwork
-from annik_training.network import InverseKinematicsNetwork
+from annik_training.fitting.network import InverseKinematicsNetwork
 
 #: Largest difference between exported and trained network [rad or m].
 EXPORT_TOLERANCE = 1e-9

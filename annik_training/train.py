@@ -14,7 +14,9 @@ from annik_core.robot import Robot
 from annik_training.dataset import Dataset, compute_random_dataset
 from annik_training.evaluation import Evaluation, evaluate
 from annik_training.export_onnx import export_model
-from annik_training.fit import FitOptions, FittedNetwork, Restart, fit
+from annik_training.fit import FittedNetwork, fit
+from annik_training.fitting.fit_network import Restart
+from annik_training.fitting.fit_options import FitOptions
 
 EVALUATION_POSES = 5000
 

@@ -3,7 +3,7 @@
 Both start from the same random weights, get the same examples (all of them: nothing is held out,
 and nothing chooses among the starts) and are stopped after the same number of evaluations. Errors
 are measured on 2,000 random poses of the workspace and on the 15 points of the paper's path.
-Writes docs/results/fit_methods.md.
+Writes docs/results/fit_methods.md, or what --out says.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_core.target_paths import diagonal_path
 from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
-from annik_training.fit import FitOptions, network_poses, scaled_examples, untrained_network
-from annik_training.network import InverseKinematicsNetwork
-from annik_training.separable_least_squares import fit_separable
+from annik_training.fit import dataset_examples
+from annik_training.fitting.fit_network import fit_start, scaled_examples, untrained_network
+from annik_training.fitting.fit_options import FitOptions
+from annik_training.fitting.network import InverseKinematicsNetwork, ScaledNetwork
+from annik_training.fitting.separable_least_squares import ScaledExamples
+from annik_training.systems.inverse_kinematics_system import InverseKinematicsSystem
 from benchmarks.machine import machine
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "fit_methods.md"
@@ -46,10 +49,9 @@ class Outcome:
     seconds: float
 
 
-def fit_plain(
-    network: InverseKinematicsNetwork, inputs: Tensor, targets: Tensor, max_evaluations: int
-) -> float:
+def fit_plain(network: ScaledNetwork, examples: ScaledExamples, max_evaluations: int) -> float:
     """Levenberg-Marquardt on all weights at once; returns the mean square error."""
+    inputs, targets = examples.inputs, examples.targets
     layers = torch.nn.Sequential(network.hidden, network.output)
     with torch.no_grad():
         # The separable fit needs no start for these; zero is where its own would begin.
@@ -107,20 +109,20 @@ def position_errors_mm(
 def run(dataset: Dataset, unseen: FloatArray, method: str, seed: int, evaluations: int) -> Outcome:
     """Fit one start with one method and measure it."""
     options = FitOptions(max_evaluations=evaluations)
-    poses = network_poses(dataset)
-    network = untrained_network(dataset.robot, poses, options)
-    network.hidden.initialise(np.random.default_rng(seed))
-    inputs, targets = scaled_examples(network, poses, dataset.joint_positions)
+    system = InverseKinematicsSystem(dataset.robot)
+    examples = dataset_examples(system, dataset, options)
+    everything = np.arange(len(examples))
+    rng = np.random.default_rng(seed)
     begin = time.perf_counter()
     if method == "separable":
-        solution = fit_separable(network.hidden, inputs, targets, options.ridge, evaluations)
-        with torch.no_grad():
-            network.output.weight.copy_(solution.output_weight)
-            network.output.bias.copy_(solution.output_bias)
-        error = solution.mean_square_error
+        fitted, restart = fit_start(examples, everything, everything[:0], options, seed, rng)
+        error = restart.training_error
     else:
-        error = fit_plain(network, inputs, targets, evaluations)
+        fitted = untrained_network(examples, everything, options)
+        fitted.hidden.initialise(rng)
+        error = fit_plain(fitted, scaled_examples(fitted, examples), evaluations)
     seconds = time.perf_counter() - begin
+    network = InverseKinematicsNetwork(system.encoding, fitted)
     workspace = position_errors_mm(dataset.robot, network, unseen)
     path = position_errors_mm(dataset.robot, network, diagonal_path())
     return Outcome(
@@ -156,6 +158,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--starts", type=int, default=10)
     parser.add_argument("--evaluations", type=int, default=FitOptions.max_evaluations)
+    parser.add_argument("--out", type=Path, default=RESULT, help="where the table goes (.md)")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     robot = load_robot("gantry")
@@ -184,8 +187,8 @@ def main() -> None:
         "",
         *table(outcomes, {name: len(dataset) for name, dataset in datasets.items()}),
     ]
-    RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    arguments.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
 
 

@@ -20,8 +20,8 @@ from annik_core.acceptance import AcceptanceLimits
 from annik_core.ik_result import IkStatus
 from annik_ros.parameter_table import Parameter
 from annik_ros.parameters import PARAMETER_TABLES
-from annik_training.design_registry import DESIGNS
-from annik_training.thirty_phase_design import describe_phases
+from annik_training.designs.registry import DESIGNS
+from annik_training.designs.thirty_phase_design import describe_phases
 from benchmarks.machine import machine
 from msg_tools.topics import TOPICS
 
@@ -64,10 +64,10 @@ def refusals() -> str:
 def designs() -> str:
     """The designs of experiments."""
     rows = [
-        (f"`{d.name}`", f"`--{d.size_option.replace('_', '-')}`: {d.size_means}", d.description)
+        (f"`{d.name}`", f"`{d.size_flag}`: {d.size_means}", f"{d.default_size}", d.description)
         for d in DESIGNS.values()
     ]
-    return table(("design", "size", "what it is"), rows)
+    return table(("design", "size", "default", "what it is"), rows)
 
 
 def phases() -> str:

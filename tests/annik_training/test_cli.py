@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -10,11 +11,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from annik_core.artifact import default_model_path
-from annik_core.errors import AnnikError, DesignError
+from annik_core.artifact import default_model_path, load_artifact
+from annik_core.errors import AnnikError
+from annik_core.share_directory import share_directory
 from annik_training.cli import ConflictingOptions, cli, main
+from annik_training.designs.registry import DESIGNS
+from annik_training.fitting.fit_options import FitOptions
 
-COMMANDS = ("design", "train", "evaluate", "info", "report")
+COMMANDS = ("design", "train", "evaluate", "info", "report", "study")
 #: The smallest fit that gives a model file.
 TINY = ("--hidden", "3", "--restarts", "1", "--max-evaluations", "1")
 
@@ -54,15 +58,14 @@ def test_version() -> None:
         (("--steps", 3, "--paper-rows"), 104),
         (("--steps", 6), 179),
         (("--steps", 6, "--paper-rows"), 194),
-        (("--design", "thirty_phase_plus", "--steps", 3), 118),
-        (("--design", "random", "--examples", 7), 7),
-        (("--design", "sobol", "--examples", 8), 8),
-        (("--design", "latin_hypercube", "--examples", 9), 9),
-        (("--design", "workspace_grid", "--positions-per-axis", 3), 108),
-        (
-            ("--design", "workspace_grid", "--positions-per-axis", 4, "--orientation-levels", 2),
-            448,
-        ),
+        (("thirty_phase", "--steps", 15), 462),
+        (("thirty_phase_plus", "--steps", 3), 118),
+        (("random", "--examples", 7), 7),
+        (("sobol", "--examples", 8), 8),
+        (("latin_hypercube", "--examples", 9), 9),
+        (("central_composite", "--shells", 2), 153),
+        (("workspace_grid", "--positions-per-axis", 3), 108),
+        (("workspace_grid", "--positions-per-axis", 4, "--orientation-levels", 2), 448),
     ],
 )
 def test_design_says_how_many_examples(arguments: tuple[object, ...], count: int) -> None:
@@ -71,40 +74,95 @@ def test_design_says_how_many_examples(arguments: tuple[object, ...], count: int
     assert f": {count} examples for gantry" in " ".join(result.output.split())
 
 
-def test_design_checks_and_saves(tmp_path: Path) -> None:
-    out = tmp_path / "examples.npz"
-    result = invoke("design", "--steps", 3, "--seed", 4, "--check", "--out", out)
+@pytest.mark.parametrize("name", DESIGNS)
+def test_without_a_size_the_default_is_used_and_said(name: str) -> None:
+    result = invoke("design", name)
+    assert result.exit_code == 0, result.output
+    chosen = DESIGNS[name]
+    assert f"{name}: {chosen.size_flag} is {chosen.default_size}, the default" in result.output
+
+
+@pytest.mark.parametrize("command", ["design", "train"])
+def test_help_names_every_design_and_default_size(command: str) -> None:
+    """It does not import them, so as to be quick; it must still say what they say."""
+    text = " ".join(invoke(command, "--help").output.split())
+    for design in DESIGNS.values():
+        assert design.name in text
+        assert re.search(
+            rf"{design.size_flag} INTEGER [^-]*\(default {design.default_size}\)\.", text
+        )
+
+
+def test_design_checks_and_saves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers here and as JSON, joints by their names, the plot in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    result = invoke("design", "--steps", 3, "--seed", 4, "--check", "--out", "examples.npz")
     assert result.exit_code == 0, result.output
     assert "quadratic" in result.output
+    assert "x_drive_joint*yaw_drive_joint" in result.output
     assert "largest empty ball" in result.output
-    with np.load(out) as archive:
+    assert "wrote thirty_phase_gantry_pairs.png" in result.output
+    with np.load("examples.npz") as archive:
         assert archive["poses"].shape == (102, 7)
+    assert Path("thirty_phase_gantry_pairs.png").read_bytes().startswith(b"\x89PNG")
+    numbers = json.loads(Path("thirty_phase_gantry_pairs.json").read_text())
+    assert (numbers["robot"], numbers["design"], numbers["seed"]) == ("gantry", "thirty_phase", 4)
+    assert (numbers["examples"], numbers["design_options"]) == (102, {"size": 3})
+    assert (numbers["linear"]["rank"], numbers["quadratic"]["rank"]) == (7, 24)
+    assert numbers["quadratic"]["condition"] == pytest.approx(32.37, abs=0.01)
+    assert ["x_drive_joint", "yaw_drive_joint"] in numbers["blind_interactions"]
+
+
+@pytest.fixture
+def quick_plot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare drawing where the picture does not matter."""
+    monkeypatch.setattr("annik_training.designs.plot.pair_plot", lambda *_: b"a picture")
+
+
+@pytest.mark.usefixtures("quick_plot")
+def test_a_robot_that_is_no_file_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    packaged = share_directory() / "robots" / "gantry.yaml"
+    text = packaged.read_text(encoding="utf-8").replace("name: gantry", "name: ../my robot", 1)
+    Path("robot.yaml").write_text(text, encoding="utf-8")
+    assert invoke("design", "--robot", "robot.yaml", "--check").exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "robot.yaml",
+        "thirty_phase_..-my-robot_pairs.png",
+        "thirty_phase_..-my-robot_pairs.json",
+    }
+
+
+@pytest.mark.usefixtures("quick_plot")
+def test_where_the_plot_goes_can_be_said(tmp_path: Path) -> None:
+    """And asking for it is asking for the check."""
+    result = invoke("design", "sobol", "--plot", tmp_path / "new" / "pairs.png")
+    assert result.exit_code == 0, result.output
+    assert "quadratic" in result.output
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"pairs.png", "pairs.json"}
 
 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("design",), "design thirty_phase needs --steps"),
-        (("design", "--design", "random"), "design random needs --examples"),
-        (("design", "--design", "workspace_grid"), "needs --positions-per-axis"),
         (("design", "--steps", 0), "steps is 0"),
-        (("design", "--design", "random", "--examples", 0), "examples is 0"),
-        (
-            (
-                *("design", "--design", "workspace_grid"),
-                *("--positions-per-axis", 2, "--orientation-levels", 0),
-            ),
-            "orientation levels is 0",
-        ),
+        (("design", "random", "--examples", 0), "examples is 0"),
+        (("design", "central_composite", "--shells", 0), "shells is 0"),
+        (("design", "workspace_grid", "--orientation-levels", 0), "orientation levels is 0"),
+        (("design", "sobol", "--steps", 3), "has no option steps; it has examples"),
+        (("design", "--plot", "broken.yaml/pairs.png"), "can't be written"),
+        (("design", "--plot", "pairs.pdf"), "must end in .png"),
         (("design", "--steps", 3, "--examples", 9), "has no option examples"),
         (("design", "--steps", 3, "--examples", 0), "has no option examples"),
-        (("design", "--design", "spiral", "--steps", 3), "no design 'spiral'"),
+        (("design", "spiral", "--steps", 3), "no design 'spiral'"),
         (("design", "--robot", "octopus", "--steps", 3), "no robot 'octopus'"),
         (("design", "--robot", "broken.yaml", "--steps", 3), "not readable as YAML"),
         (("design", "--steps", 3, "--out", "no/where.npz"), "can't be written"),
         (("train", "--dataset", "none.npz", "--out", "m.onnx"), "no such file"),
         (("train", "--steps", 3, "--restarts", 0, "--out", "m.onnx"), "restarts is 0"),
         (("train", "--steps", 3, "--hidden", "0", "--out", "m.onnx"), "hidden_units is (0,)"),
+        (("train", "--held-out", 0.6, "--out", "m.onnx"), "held_out_fraction is 0.6"),
+        (("train", "--sobolev", "nan", "--out", "m.onnx"), "slope_weight is nan"),
         (("info", "none.onnx"), "no such file"),
         (("info", "broken.yaml"), "broken.yaml"),
         (("evaluate", "none.onnx"), "no such file"),
@@ -134,6 +192,7 @@ def test_each_fault_is_one_line_and_exit_code_1(
     [
         ("no_such_command",),
         ("design", "--steps", "three"),
+        ("design", "sobol", "random"),
         ("design", "--seed", "-1"),
         ("train", "--steps", "3"),
         ("train", "--steps", "3", "--hidden", "many", "--out", "m.onnx"),
@@ -149,13 +208,6 @@ def test_wrong_usage_is_exit_code_2(
     assert "Error: " in errors
 
 
-def test_a_size_that_is_not_given_and_one_of_zero_are_different_faults() -> None:
-    missing, zero = invoke("design").exception, invoke("design", "--steps", 0).exception
-    assert isinstance(missing, DesignError)
-    assert isinstance(zero, DesignError)
-    assert str(missing) != str(zero)
-
-
 @pytest.mark.parametrize(
     "option",
     [
@@ -163,6 +215,7 @@ def test_a_size_that_is_not_given_and_one_of_zero_are_different_faults() -> None
         ("--design", "thirty_phase"),
         ("--steps", "3"),
         ("--examples", "0"),
+        ("--shells", "1"),
         ("--paper-rows",),
         ("--positions-per-axis", "2"),
         ("--orientation-levels", "1"),
@@ -196,6 +249,52 @@ def test_train_writes_the_model_and_its_summary(tmp_path: Path) -> None:
     assert [restart["number"] for restart in written["restarts"]] == [0]
     assert written["evaluation"]["examples"] == 5000
     assert invoke("info", model).exit_code == 0
+
+
+def test_an_affine_robot_is_trained_exactly_on_seven_examples(tmp_path: Path) -> None:
+    """Nothing held out; the summary is JSON that any parser reads, so without NaN."""
+    model, summary = tmp_path / "m.onnx", tmp_path / "s.json"
+    result = invoke(
+        *("train", "--design", "sobol", "--examples", 7, "--held-out", 0, "--linear-path"),
+        *(*TINY, "--out", model, "--summary", summary),
+    )
+    assert result.exit_code == 0, result.output
+    assert "0 held out" in result.output
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    written = json.loads(summary.read_text(), parse_constant=refuse)
+    assert (written["examples"], written["held_out_examples"]) == (7, 0)
+    assert [restart["held_out_error"] for restart in written["restarts"]] == [None]
+    assert written["evaluation"]["position_error_m"]["max"] < 1e-6
+    assert load_artifact(model).metadata.fit_options["linear_path"] is True
+
+
+def test_how_to_fit_can_be_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each flag reaches the option that it names; nothing is trained here."""
+    asked = []
+
+    def train(dataset: object, path: Path, options: FitOptions, on_restart: object) -> None:
+        asked.append(options)
+        raise AnnikError("enough")
+
+    monkeypatch.setattr("annik_training.train.train", train)
+    monkeypatch.chdir(tmp_path)
+    common = ("train", "--steps", 3, "--out", "m.onnx")
+    invoke(*common)
+    invoke(*common, "--linear-path", "--sobolev", 0.5, "--bayesian", "--held-out", 0.25)
+    invoke(*common, "--hidden", "8,6", "--restarts", 3, "--max-evaluations", 9, "--seed", 4)
+    assert asked == [
+        FitOptions(),
+        FitOptions(
+            linear_path=True,
+            slope_weight=0.5,
+            bayesian_regularisation=True,
+            held_out_fraction=0.25,
+        ),
+        FitOptions(hidden_units=(8, 6), restarts=3, max_evaluations=9, seed=4),
+    ]
 
 
 def test_info_prints_what_a_model_says_of_itself() -> None:

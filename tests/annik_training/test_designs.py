@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from annik_core.errors import (
@@ -17,10 +20,19 @@ from annik_core.errors import (
 )
 from annik_core.joint_limits import JointLimits
 from annik_core.robot import Robot
-from annik_training.design_registry import make_design
-from annik_training.quadratic_model import quadratic_rank, quadratic_terms
-from annik_training.thirty_phase_design import describe_phases, phases, thirty_phase_design
-from annik_training.thirty_phase_plus_design import interaction_phases, thirty_phase_plus_design
+from annik_core.robot_library import robot_from_definition
+from annik_training.designs.central_composite_design import central_composite_design
+from annik_training.designs.quadratic_model import (
+    quadratic_rank,
+    quadratic_terms,
+    vanishing_combinations,
+)
+from annik_training.designs.registry import DESIGNS, make_design
+from annik_training.designs.thirty_phase_design import describe_phases, phases, thirty_phase_design
+from annik_training.designs.thirty_phase_plus_design import (
+    interaction_phases,
+    thirty_phase_plus_design,
+)
 
 MIN, MED, MAX = 20, 35, 50
 
@@ -102,6 +114,44 @@ def table_1_rows(steps: int) -> list[tuple[Fraction, ...]]:
     ]
 
 
+def ruled_rows(dof: int, steps: int) -> set[tuple[Fraction, ...]]:
+    """The rows of docs/training.md for any number of joints, on [0, 1], in exact arithmetic."""
+    joints = range(dof)
+    low, median, high = Fraction(0), Fraction(1, 2), Fraction(1)
+    sweeps = {((joint,), held) for joint in joints for held in (low, median, high)}
+    sweeps.add((tuple(joints), median))
+    for size in (2, 3, 4):
+        if size < dof:
+            for start in range(0, dof, size):
+                block = range(start, start + size)
+                # The last block ends with the last joint.
+                beyond = max(0, block.stop - dof)
+                sweeps.add((tuple(joint - beyond for joint in block), median))
+    for parity in (0, 1):
+        half = tuple(joint for joint in joints if joint % 2 == parity)
+        sweeps |= {(half, low), (half, high)}
+    return swept_rows(sweeps, dof, steps)
+
+
+def swept_rows(
+    sweeps: set[tuple[tuple[int, ...], Fraction]], dof: int, steps: int
+) -> set[tuple[Fraction, ...]]:
+    """All rows of joints swept together, the others held."""
+    return {
+        tuple(Fraction(z, steps) if joint in swept else held for joint in range(dof))
+        for swept, held in sweeps
+        for z in range(steps + 1)
+    }
+
+
+def whole_half_steps(rows: np.ndarray, steps: int) -> list[tuple[int, ...]]:
+    """Rows on [0, 1] in half steps, which are whole numbers."""
+    scaled = rows * 2 * steps
+    whole = np.rint(scaled)
+    assert np.abs(scaled - whole).max() < 1e-9
+    return [tuple(row) for row in whole.astype(int).tolist()]
+
+
 def test_the_phases_are_those_of_table_1() -> None:
     assert list(describe_phases(6)) == [
         f"{number}: {', '.join(f'q{joint}' for joint in swept)} swept"
@@ -152,6 +202,15 @@ def test_any_joint_count(dof: int, steps: int) -> None:
         assert len(alone) >= steps + 1
         assert {MIN, MAX} <= set(alone)
     assert len(set(phases(dof))) == len(phases(dof))
+
+
+@pytest.mark.parametrize("dof", range(1, 9))
+@pytest.mark.parametrize("steps", [1, 2, 3, 6, 15])
+def test_rows_are_those_of_the_documented_rule(dof: int, steps: int) -> None:
+    rows = whole_half_steps(thirty_phase_design(box(dof, lower=0, upper=1), steps), steps)
+    expected = {tuple(2 * steps * value for value in row) for row in ruled_rows(dof, steps)}
+    assert set(rows) == expected
+    assert len(rows) == len(expected)
 
 
 @pytest.mark.parametrize("steps", [0, -1, 1001])
@@ -207,17 +266,19 @@ class TestInteractions:
     """What a design can and can't tell apart, in exact arithmetic."""
 
     @staticmethod
-    def integer_rows(rows: np.ndarray, steps: int) -> list[list[int]]:
-        """Rows on [0, 1] as whole half steps."""
-        scaled = rows * 2 * steps
-        whole = np.rint(scaled)
-        assert np.abs(scaled - whole).max() < 1e-9
-        return whole.astype(int).tolist()
+    def papers_rows(steps: int, scale: int | None = None) -> list[tuple[int, ...]]:
+        """Table 1 by whole numbers: in half steps, or with ``scale`` as the joints' range."""
+        rows = [[(scale or 2 * steps) * value for value in row] for row in table_1_rows(steps)]
+        assert all(value.denominator == 1 for row in rows for value in row)
+        return [tuple(int(value) for value in row) for row in rows]
 
-    @pytest.mark.parametrize("steps", [2, 3, 6, 15, 18])
+    @pytest.mark.parametrize("steps", [1, 2, 3, 6, 15, 18])
     def test_the_papers_design_has_rank_24_of_28(self, steps: int) -> None:
         """And is blind to these products of joint differences."""
-        rows = self.integer_rows(thirty_phase_design(box(lower=0, upper=1), steps), steps)
+        rows = self.papers_rows(steps)
+        assert set(rows) == set(
+            whole_half_steps(thirty_phase_design(box(lower=0, upper=1), steps), steps)
+        )
         assert len(quadratic_terms(6)) == 28
         assert quadratic_rank(rows) == 24
         for first, second in (((0, 1), (3, 5)), ((0, 2), (4, 5)), ((1, 3), (4, 5))):
@@ -226,16 +287,170 @@ class TestInteractions:
             ]
             assert set(products) == {0}
 
+    @pytest.mark.parametrize("steps", [3, 7, 20])
+    def test_more_steps_show_the_papers_design_no_more(self, steps: int) -> None:
+        """A phase is a line, and a quadratic that is zero at three points of it is zero on it.
+
+        So two steps decide what is blind for every larger number.
+        """
+        together = self.papers_rows(2, scale=4 * steps) + self.papers_rows(steps, scale=4 * steps)
+        assert quadratic_rank(together) == 24
+        assert vanishing_combinations(self.papers_rows(2)).shape == (4, 28)
+
     @pytest.mark.parametrize("dof", range(2, 9))
-    @pytest.mark.parametrize("steps", [2, 3, 7])
+    @pytest.mark.parametrize("steps", [1, 2, 3, 7])
     def test_the_repaired_design_has_full_rank(self, dof: int, steps: int) -> None:
         rows = thirty_phase_plus_design(box(dof, lower=0, upper=1), steps)
-        assert quadratic_rank(self.integer_rows(rows, steps)) == (dof + 1) * (dof + 2) // 2
+        assert quadratic_rank(whole_half_steps(rows, steps)) == (dof + 1) * (dof + 2) // 2
 
     def test_the_repair_for_six_joints(self) -> None:
         """Four pairs, and no more rows than their sweeps add."""
         assert [phase.swept for phase in interaction_phases(6)] == [(0, 2), (0, 3), (0, 4), (1, 4)]
         assert len(thirty_phase_plus_design(box(), 3)) == 118
+
+    @pytest.mark.parametrize("dof", range(1, 9))
+    def test_the_central_composite_has_full_rank(self, dof: int) -> None:
+        rows = central_composite_design(box(dof, lower=0, upper=1), 1)
+        assert quadratic_rank(whole_half_steps(rows, 1)) == (dof + 1) * (dof + 2) // 2
+
+
+@pytest.mark.parametrize(
+    ("dof", "shells", "count"), [(1, 1, 3), (2, 1, 9), (6, 1, 77), (6, 3, 229), (10, 1, 1045)]
+)
+def test_counts_of_the_central_composite(dof: int, shells: int, count: int) -> None:
+    assert len(central_composite_design(box(dof), shells)) == count
+
+
+def test_the_rows_of_a_central_composite() -> None:
+    """Centre, corners and face centres, the outer box first; the bounds to the last digit."""
+    limits = JointLimits.from_bounds(["a", "b"], [-0.1, 1.0], [0.3, 1.7])
+    rows = central_composite_design(limits, 2)
+    assert rows[0] == pytest.approx(limits.centre)
+    assert set(itertools.product((-0.1, 0.3), (1.0, 1.7))) == {tuple(row) for row in rows[1:5]}
+    assert rows[5:9] == pytest.approx(
+        np.array([[-0.1, 1.35], [0.1, 1.0], [0.3, 1.35], [0.1, 1.7]])
+    )
+    assert rows[9:] - limits.centre == pytest.approx((rows[1:9] - limits.centre) / 2)
+
+
+@pytest.mark.parametrize("shells", [0, -1, 101])
+def test_a_number_of_shells_out_of_range(shells: int) -> None:
+    with pytest.raises(InvalidDesignSize, match="from 1 to 100"):
+        central_composite_design(box(), shells)
+
+
+def test_a_central_composite_of_too_many_joints() -> None:
+    with pytest.raises(UnsupportedRobotForDesign, match="11 joints"):
+        central_composite_design(box(11), 1)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a design is made for, if it is no robot."""
+
+    joint_box: JointLimits
+    name: str = "function"
+
+
+@st.composite
+def joint_boxes(draw: st.DrawFn) -> JointLimits:
+    """Two to eight joints, one or more of them free."""
+    dof = draw(st.integers(2, 8))
+    lower = draw(st.lists(st.floats(-10, 10), min_size=dof, max_size=dof))
+    widths = draw(
+        st.lists(st.just(0.0) | st.floats(1e-3, 10), min_size=dof, max_size=dof).filter(any)
+    )
+    upper = [low + width for low, width in zip(lower, widths, strict=True)]
+    return JointLimits.from_bounds([f"q{joint}" for joint in range(dof)], lower, upper)
+
+
+def expected_count(name: str, free: int, size: int) -> int:
+    """How many examples a design in a joint box has, by its documented rule."""
+    if name == "central_composite":
+        return size * (2**free + 2 * free) + 1 if free > 1 else 2 * size + 1
+    if name.startswith("thirty_phase"):
+        rows = ruled_rows(free, size)
+        if name.endswith("_plus"):
+            pairs = {(phase.swept, Fraction(1, 2)) for phase in interaction_phases(free)}
+            rows |= swept_rows(pairs, free, size)
+        return len(rows)
+    return size
+
+
+@pytest.mark.parametrize("name", sorted(set(DESIGNS) - {"workspace_grid", "active"}))
+@settings(max_examples=15)
+@given(limits=joint_boxes(), size=st.integers(1, 12), seed=st.integers(0, 2**32))
+def test_every_design_of_joint_positions(
+    name: str, limits: JointLimits, size: int, seed: int
+) -> None:
+    """Inside the box, the same for the same seed, no row twice, as many as the rule says."""
+    rows = make_design(name, Subject(limits), size, seed)
+    assert limits.contains(rows)
+    assert np.array_equal(rows, make_design(name, Subject(limits), size, seed))
+    assert len(np.unique(rows, axis=0)) == len(rows)
+    free = int((limits.upper > limits.lower).sum())
+    assert rows.shape == (expected_count(name, free, size), len(limits.joint_names))
+
+
+@settings(max_examples=15)
+@given(
+    bounds=st.lists(
+        st.tuples(st.floats(0.4, 0.6), st.just(0.0) | st.floats(1e-3, 0.2)), min_size=6, max_size=6
+    ).filter(lambda joints: any(width for _, width in joints)),
+    positions=st.integers(2, 4),
+    levels=st.integers(1, 3),
+)
+def test_every_workspace_grid(
+    gantry: Robot, bounds: list[tuple[float, float]], positions: int, levels: int
+) -> None:
+    """As for the others; a locked joint divides nothing."""
+    robot = gantry_with_box(gantry, [[low, low + width] for low, width in bounds])
+    options = {"orientation_levels": levels}
+    rows = make_design("workspace_grid", robot, positions, 0, options)
+    assert robot.joint_box.contains(rows)
+    assert np.array_equal(rows, make_design("workspace_grid", robot, positions, 1, options))
+    assert len(np.unique(rows.round(9), axis=0)) == len(rows)
+    free = robot.joint_box.upper > robot.joint_box.lower
+    assert len(rows) == positions ** free[:3].sum() * (1 + levels * free[3:].sum())
+
+
+def gantry_with_box(gantry: Robot, bounds: list[list[float]]) -> Robot:
+    """The gantry, with other joint boxes [rad]."""
+    joints = [
+        {**joint, "box": bound}
+        for joint, bound in zip(gantry.definition["joints"], bounds, strict=True)
+    ]
+    definition: dict[str, Any] = {**gantry.definition, "joints": joints}
+    return robot_from_definition(definition, "of the test")
+
+
+def test_default_sizes(gantry: Robot) -> None:
+    counts = {
+        name: len(make_design(name, gantry, design.default_size, 0))
+        for name, design in DESIGNS.items()
+    }
+    assert counts == {
+        "thirty_phase": 179,
+        "thirty_phase_plus": 203,
+        "workspace_grid": 256,
+        "central_composite": 77,
+        "latin_hypercube": 100,
+        "sobol": 100,
+        "random": 100,
+        "active": 100,
+    }
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_a_robot_whose_joints_are_all_locked(gantry: Robot, name: str) -> None:
+    locked = gantry_with_box(gantry, [[0.5, 0.5]] * 6)
+    with pytest.raises(UnsupportedRobotForDesign, match="all its joints are locked"):
+        make_design(name, locked, DESIGNS[name].default_size, 0)
+
+
+def test_a_workspace_grid_needs_a_robot() -> None:
+    with pytest.raises(UnsupportedRobotForDesign, match="function"):
+        make_design("workspace_grid", Subject(box()), 3, 0)
 
 
 @pytest.mark.parametrize("name", ["latin_hypercube", "sobol", "random"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from annik_core.robot import Robot
 from annik_training import export_onnx
 from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
 from annik_training.evaluation import evaluate
-from annik_training.fit import FitOptions, FittedNetwork, fit
+from annik_training.fit import FittedNetwork, fit
+from annik_training.fitting.fit_options import FitOptions
 from annik_training.train import evaluation_dataset, train
 
 OPTIONS = FitOptions(restarts=1, max_evaluations=10, seed=3)
@@ -106,7 +108,7 @@ def test_a_graph_that_computes_something_else_is_not_written(
     """The check that stands between a bug of the exporter and a robot."""
     content = exported.read_bytes()
     poses = fitted.dataset.poses
-    bias = fitted.network.output.bias
+    bias = fitted.network.network.output.bias
     with torch.no_grad():
         bias += 1e-7
     try:
@@ -124,7 +126,7 @@ def test_export_proves_the_file_before_it_writes(
     right = export_onnx.to_onnx(fitted.network)
 
     def wrong(network: object) -> onnx.ModelProto:
-        bias = next(t for t in right.graph.initializer if t.name == "output.bias")
+        bias = next(t for t in right.graph.initializer if t.name == "network.output.bias")
         array = onnx.numpy_helper.to_array(bias) + 1e-7
         bias.CopyFrom(onnx.numpy_helper.from_array(array, bias.name))
         return right
@@ -145,6 +147,24 @@ def test_training_evaluates_on_poses_it_was_not_trained_on(
     assert result.evaluation == evaluate(result.fitted.network.joint_positions, unseen)
     assert len(unseen) == result.evaluation.examples == 5000
     assert not set(map(tuple, unseen.poses)) & set(map(tuple, dataset.poses))
+
+
+def test_a_linear_path_is_exported(gantry: Robot, dataset: Dataset, tmp_path: Path) -> None:
+    """Beside the hidden layers; a node accepts the file, which says how it was fitted."""
+    options = replace(OPTIONS, max_evaluations=1, linear_path=True, held_out_fraction=0.0)
+    fitted = fit(dataset, options)
+    with torch.no_grad():
+        # The gantry would need no hidden layers any more.
+        fitted.network.network.output.weight.fill_(0.01)
+    unseen = evaluation_dataset(gantry, 0)
+    path = tmp_path / "model.onnx"
+    export_onnx.export_model(fitted, evaluate(fitted.network.joint_positions, unseen), path)
+    artifact = load_artifact(path)
+    answer = artifact.joint_positions(unseen.poses)
+    assert answer == pytest.approx(fitted.network.joint_positions(unseen.poses), abs=1e-9, rel=0)
+    assert 1e-3 < np.abs(answer - unseen.joint_positions).max() < 0.5
+    assert artifact.metadata.held_out_examples == 0
+    assert artifact.metadata.fit_options == options.as_plain_data()
 
 
 def test_a_place_that_can_not_be_written(dataset: Dataset, tmp_path: Path) -> None:

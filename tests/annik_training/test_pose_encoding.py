@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annik_core.pose import pose_from_roll_pitch_yaw
-from annik_training.pose_encoding import PositionRollPitchYaw, arctangent2
+from annik_training.fitting.pose_encoding import PositionRollPitchYaw, arctangent2
 
 CENTRE = np.radians([45.0, 45.0, 45.0])
 HALF_PI = math.pi / 2

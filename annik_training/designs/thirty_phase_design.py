@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_training.designs.grid import distinct_rows, grid_positions
 
 NAME = "thirty_phase"
 MAX_STEPS = 1000
@@ -80,7 +81,7 @@ def thirty_phase_design(
     dof = len(box.joint_names)
     check_steps(NAME, steps)
     if not keep_paper_rows:
-        return distinct_rows(phases(dof), box, steps)
+        return distinct_positions(phases(dof), box, steps)
     if dof != 6:
         raise UnsupportedRobotForDesign(NAME, f"with {dof} joints", "the paper's has six")
     rows = np.concatenate(
@@ -89,7 +90,7 @@ def thirty_phase_design(
             for number, phase in enumerate(phases(dof), start=1)
         ]
     )
-    return _in_box(rows, box, steps)
+    return grid_positions(rows, box, steps)
 
 
 def check_steps(design: str, steps: int) -> None:
@@ -102,11 +103,10 @@ def check_steps(design: str, steps: int) -> None:
         raise InvalidDesignSize(design, "steps", steps, 1, MAX_STEPS)
 
 
-def distinct_rows(table: Sequence[Phase], box: JointLimits, steps: int) -> FloatArray:
+def distinct_positions(table: Sequence[Phase], box: JointLimits, steps: int) -> FloatArray:
     """Joint positions ``(n, dof)`` of phases, each kept where it first occurs."""
     rows = np.concatenate([half_steps(phase, len(box.joint_names), steps) for phase in table])
-    _, first = np.unique(rows, axis=0, return_index=True)
-    return _in_box(rows[np.sort(first)], box, steps)
+    return grid_positions(distinct_rows(rows), box, steps)
 
 
 def half_steps(phase: Phase, dof: int, steps: int) -> NDArray[np.int64]:
@@ -118,10 +118,6 @@ def half_steps(phase: Phase, dof: int, steps: int) -> NDArray[np.int64]:
     rows = np.full((steps + 1, dof), phase.held_at * steps, dtype=np.int64)
     rows[:, phase.swept] = 2 * np.arange(steps + 1)[:, np.newaxis]
     return rows
-
-
-def _in_box(rows: NDArray[np.int64], box: JointLimits, steps: int) -> FloatArray:
-    return box.lower + rows / (2.0 * steps) * (box.upper - box.lower)
 
 
 def _paper_rows(phase_number: int, steps: int) -> slice:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from annik_core.pose import FloatArray
-from annik_training.pose_encoding import PoseEncoding
+from annik_training.fitting.pose_encoding import PoseEncoding
 
 
 class HiddenLayers(nn.Module):
@@ -70,38 +70,70 @@ class Scaling(nn.Module):
         return scaled * self.half_width + self.centre
 
 
+class ScaledNetwork(nn.Module):
+    """Scaling, tanh hidden layers, linear output, unscaling: y = W phi(x) + A x + b.
+
+    Attributes:
+        input_scaling: the box of the inputs.
+        hidden: the hidden layers, phi.
+        output: the linear output layer, W and b, in scaled outputs.
+        linear_path: A, or None if the inputs reach the outputs through the hidden layers only.
+        output_scaling: the box of the outputs.
+    """
+
+    def __init__(
+        self,
+        hidden_units: Sequence[int],
+        input_scaling: Scaling,
+        output_scaling: Scaling,
+        *,
+        linear_path: bool = False,
+    ) -> None:
+        super().__init__()
+        inputs, outputs = len(input_scaling.centre), len(output_scaling.centre)
+        self.input_scaling = input_scaling
+        self.hidden = HiddenLayers(inputs, hidden_units)
+        self.output = nn.Linear(hidden_units[-1], outputs, dtype=torch.float64)
+        self.linear_path = (
+            nn.Linear(inputs, outputs, bias=False, dtype=torch.float64) if linear_path else None
+        )
+        self.output_scaling = output_scaling
+
+    def scaled(self, scaled_inputs: Tensor) -> Tensor:
+        """Scaled outputs ``(n, outputs)`` for scaled inputs ``(n, inputs)``; float64."""
+        answer: Tensor = self.output(self.hidden(scaled_inputs))
+        return answer if self.linear_path is None else answer + self.linear_path(scaled_inputs)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Outputs ``(n, outputs)`` for inputs ``(n, inputs)``; float64."""
+        return self.output_scaling.unscale(self.scaled(self.input_scaling.scale(inputs)))
+
+    def predict(self, inputs: FloatArray) -> FloatArray:
+        """The same for NumPy arrays."""
+        with torch.no_grad():
+            answer: FloatArray = self(torch.from_numpy(inputs)).numpy()
+        return answer
+
+
 class InverseKinematicsNetwork(nn.Module):
-    """Poses in, joint positions out: encoding, scaling, hidden layers, linear output, unscaling.
+    """Poses in, joint positions out: the encoding, and the network behind it.
 
     This whole module is what the model file holds.
 
     Attributes:
         encoding: from poses to features.
-        feature_scaling: the box of the features.
-        hidden: the hidden layers.
-        output: the linear output layer, in scaled joint positions.
-        joint_scaling: the joint box.
+        network: from features to joint positions.
     """
 
-    def __init__(
-        self,
-        encoding: PoseEncoding,
-        hidden_units: Sequence[int],
-        feature_scaling: Scaling,
-        joint_scaling: Scaling,
-    ) -> None:
+    def __init__(self, encoding: PoseEncoding, network: ScaledNetwork) -> None:
         super().__init__()
         self.encoding = encoding
-        self.feature_scaling = feature_scaling
-        self.hidden = HiddenLayers(encoding.features, hidden_units)
-        joints = len(joint_scaling.centre)
-        self.output = nn.Linear(hidden_units[-1], joints, dtype=torch.float64)
-        self.joint_scaling = joint_scaling
+        self.network = network
 
     def forward(self, pose: Tensor) -> Tensor:
         """Joint positions ``(n, dof)`` [rad or m] for poses ``(n, 7)``; float64."""
-        scaled_features = self.feature_scaling.scale(self.encoding(pose))
-        return self.joint_scaling.unscale(self.output(self.hidden(scaled_features)))
+        joint_positions: Tensor = self.network(self.encoding(pose))
+        return joint_positions
 
     def joint_positions(self, poses: FloatArray) -> FloatArray:
         """The same for NumPy arrays."""

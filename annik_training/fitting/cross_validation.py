@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annik_core.errors import InvalidTrainingOption, TooFewExamples
-from annik_training.dataset import Dataset
-from annik_training.fit import MIN_EXAMPLES, FitOptions, fit_once, network_poses
-from annik_training.network import InverseKinematicsNetwork
+from annik_training.fitting.fit_network import MIN_EXAMPLES, Examples, Indices, fit_start
+from annik_training.fitting.fit_options import FitOptions
+from annik_training.fitting.network import ScaledNetwork
 
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """One fold. Mean square errors are in scaled joint units.
+    """One fold. Mean square errors are in scaled target units.
 
     Attributes:
         network: trained on the other folds.
@@ -24,17 +23,17 @@ class Fold:
         validation: indices of its examples.
     """
 
-    network: InverseKinematicsNetwork
+    network: ScaledNetwork
     training_error: float
     validation_error: float
-    validation: NDArray[np.int64]
+    validation: Indices
 
 
-def cross_validate(dataset: Dataset, folds: int, options: FitOptions) -> tuple[Fold, ...]:
+def cross_validate(examples: Examples, folds: int, options: FitOptions) -> tuple[Fold, ...]:
     """Fit one network per fold, from one random start each.
 
     Args:
-        dataset: the examples, dealt to the folds at random.
+        examples: what to learn, dealt to the folds at random.
         folds: how many; the paper uses 4.
         options: how to fit; ``restarts`` and ``held_out_fraction`` have no part in it.
 
@@ -42,19 +41,19 @@ def cross_validate(dataset: Dataset, folds: int, options: FitOptions) -> tuple[F
         InvalidTrainingOption: if there are fewer than two folds or more folds than examples.
         TooFewExamples: if a fold leaves too few examples to fit.
     """
-    if not 2 <= folds <= len(dataset):
-        raise InvalidTrainingOption("folds", folds, f"2 to the {len(dataset)} examples")
+    if not 2 <= folds <= len(examples):
+        raise InvalidTrainingOption("folds", folds, f"2 to the {len(examples)} examples")
     split_seed, *start_seeds = np.random.SeedSequence(options.seed).spawn(folds + 1)
-    order = np.random.default_rng(split_seed).permutation(len(dataset))
+    order = np.random.default_rng(split_seed).permutation(len(examples))
     parts = np.array_split(order, folds)
-    if len(dataset) - len(parts[0]) < MIN_EXAMPLES:
-        raise TooFewExamples(len(dataset), MIN_EXAMPLES + len(parts[0]), f"{folds} folds")
-    poses = network_poses(dataset)
+    if len(examples) - len(parts[0]) < MIN_EXAMPLES:
+        raise TooFewExamples(len(examples), MIN_EXAMPLES + len(parts[0]), f"{folds} folds")
     results = []
     for number, (part, start_seed) in enumerate(zip(parts, start_seeds, strict=True)):
         others = np.concatenate([other for other in parts if other is not part])
-        network, restart = fit_once(
-            dataset, poses, others, part, options, number, np.random.default_rng(start_seed)
+        network, restart = fit_start(
+            examples, others, part, options, number, np.random.default_rng(start_seed)
         )
+        assert restart.held_out_error is not None
         results.append(Fold(network, restart.training_error, restart.held_out_error, part))
     return tuple(results)

@@ -11,7 +11,8 @@ from scipy.stats import qmc
 
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
-from annik_training.quadratic_model import quadratic_terms
+from annik_training.designs.free_joints import free_joints
+from annik_training.designs.quadratic_model import quadratic_terms
 
 #: Singular values below this fraction of the largest count as zero.
 RANK_TOLERANCE = 1e-9
@@ -61,9 +62,9 @@ def diagnose(joint_positions: FloatArray, box: JointLimits) -> DesignDiagnostics
         joint_positions: ``(n, dof)`` inside the box.
         box: the joint box; a locked joint takes no part.
     """
-    width = box.upper - box.lower
-    free = np.flatnonzero(width > 0)
-    scaled = 2.0 * (joint_positions[:, free] - box.lower[free]) / width[free] - 1.0
+    free = free_joints(box)
+    lower, upper = box.lower[free], box.upper[free]
+    scaled = 2.0 * (joint_positions[:, free] - lower) / (upper - lower) - 1.0
     terms = quadratic_terms(len(free))
     columns = np.stack([np.prod(scaled[:, list(term)], axis=1) for term in terms], axis=1)
     linear = [index for index, term in enumerate(terms) if len(term) < 2]
@@ -83,17 +84,27 @@ def diagnose(joint_positions: FloatArray, box: JointLimits) -> DesignDiagnostics
 
 
 def _rank(columns: FloatArray) -> ModelRank:
-    singular = np.linalg.svd(columns, compute_uv=False)
+    singular, _ = _singular_values(columns)
     counted = singular[singular > RANK_TOLERANCE * singular[0]]
     return ModelRank(len(counted), columns.shape[1], float(counted[0] / counted[-1]))
 
 
 def _unidentifiable(columns: FloatArray) -> list[bool]:
     """For each term, whether some combination that vanishes on all examples contains it."""
-    _, singular, right = np.linalg.svd(columns, full_matrices=True)
+    singular, right = _singular_values(columns)
     rank = int((singular > RANK_TOLERANCE * singular[0]).sum())
     in_null_space = np.linalg.norm(right[rank:], axis=0) > 1e-6
     return [bool(unseen) for unseen in in_null_space]
+
+
+def _singular_values(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Singular values, the largest first, and all right singular vectors ``(terms, terms)``.
+
+    By way of the triangular factor, which has both and, unlike the examples, no more rows than
+    there are terms.
+    """
+    _, singular, right = np.linalg.svd(np.linalg.qr(columns, mode="r"), full_matrices=True)
+    return singular, right
 
 
 def _largest_empty_ball(scaled: FloatArray) -> float:

@@ -10,6 +10,7 @@ from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_core.gantry import GantryKinematics, GantryWorkspace
 from annik_core.pose import FloatArray
 from annik_core.robot import Robot
+from annik_training.designs.grid import distinct_rows
 
 NAME = "workspace_grid"
 MAX_POSITIONS_PER_AXIS = 100
@@ -31,7 +32,7 @@ def workspace_grid_design(
         orientation_levels: fractions of the range of each angle.
 
     Returns:
-        ``(n, 6)``, x varying fastest, then y, z, orientation, as in Table 8.
+        ``(n, 6)`` drive angles [rad], x varying fastest, then y, z, orientation, as in Table 8.
 
     Raises:
         InvalidDesignSize: if a number is out of range.
@@ -58,5 +59,7 @@ def workspace_grid_design(
     fraction = np.array(
         [position + orientation for orientation in orientations for position in positions]
     )
-    task = workspace.lower + fraction * (workspace.upper - workspace.lower)
+    width = workspace.upper - workspace.lower
+    # Along the coordinate of a locked joint all grid positions are one.
+    task = workspace.lower + distinct_rows(fraction * (width > 0)) * width
     return kinematics.joint_positions(task)

@@ -1,0 +1,1 @@
+"""Designs of experiments: which joint positions the examples have."""

@@ -1,0 +1,32 @@
+"""Joint positions counted in half steps of a grid, so that equal ones are recognised exactly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+
+
+def grid_positions(half_steps: NDArray[np.int64], box: JointLimits, steps: int) -> FloatArray:
+    """Joint positions ``(n, dof)`` [rad or m] of a grid that divides every joint into equal steps.
+
+    Args:
+        half_steps: ``(n, dof)`` from 0, the lower end, to ``2 * steps``, the upper end. Halves,
+            so that the median is on the grid whatever the number of steps.
+        box: the joint box.
+        steps: into how many steps each joint's interval is divided.
+    """
+    inside = box.lower + half_steps / (2.0 * steps) * (box.upper - box.lower)
+    # Rounding would miss the upper end, on either side of it.
+    positions: FloatArray = np.where(half_steps == 2 * steps, box.upper, inside)
+    return positions
+
+
+def distinct_rows(rows: NDArray[Any]) -> NDArray[Any]:
+    """The rows ``(n, k)`` without repeats, each where it first occurs."""
+    _, first = np.unique(rows, axis=0, return_index=True)
+    return rows[np.sort(first)]

@@ -1,0 +1,273 @@
+"""The pair plot of a design of experiments: where its examples are, two joints at a time, as PNG.
+
+Colours are those of Okabe and Ito, which colour-blind people tell apart; what they separate also
+differs in marker and frame, so that a grey print loses nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from io import BytesIO
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.text import Text
+from matplotlib.ticker import MaxNLocator
+
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+from annik_training.designs.diagnostics import DesignDiagnostics, ModelRank
+from annik_training.designs.free_joints import free_joints
+from annik_training.designs.plot_axis import JointAxis, joint_axes
+
+_BLUE: Final = "#0072B2"
+_VERMILLION: Final = "#D55E00"
+_GREY: Final = "#999999"
+_DOTS_PER_INCH: Final = 200
+#: Width of all panels [in]: with the labels, two columns of a journal.
+_PANELS_WIDTH: Final = 6.4
+_LEAST_PANEL, _LARGEST_PANEL = 0.85, 1.5
+#: Part of a panel's place that it fills, so that neighbours don't touch.
+_FILLED: Final = 0.93
+#: Room for the labels, the title, and the legend beside the first panel [in].
+_LEFT, _RIGHT, _BELOW, _ABOVE, _LEGEND = 0.9, 0.2, 0.7, 0.35, 3.5
+#: From a panel to the names beside and below it, beyond the numbers [in].
+_TO_NAME_LEFT, _TO_NAME_BELOW = 0.36, 0.16
+#: Sizes of letters [pt], and the mean width of one.
+_SMALL, _TEXT, _TITLE, _LETTER = 6.0, 7.0, 9.0, 3.9
+#: A prime, so that the steps of a sweep don't fall on the edges between bins.
+_BINS: Final = 13
+#: More examples can't be told apart on a panel; as many of them are drawn, taken evenly.
+_MOST_DRAWN: Final = 4000
+#: Positions closer than this part of the interval are drawn as one.
+_SAME: Final = 1e-6
+
+
+def pair_plot(
+    joint_positions: FloatArray,
+    box: JointLimits,
+    joint_types: Sequence[str],
+    diagnostics: DesignDiagnostics,
+    title: str,
+) -> bytes:
+    """What :func:`pair_figure` draws, as PNG."""
+    buffer = BytesIO()
+    pair_figure(joint_positions, box, joint_types, diagnostics, title).savefig(
+        buffer, format="png"
+    )
+    return buffer.getvalue()
+
+
+def pair_figure(
+    joint_positions: FloatArray,
+    box: JointLimits,
+    joint_types: Sequence[str],
+    diagnostics: DesignDiagnostics,
+    title: str,
+) -> Figure:
+    """A scatter plot for each pair of joints, and a histogram for each joint.
+
+    Pairs of joints whose interaction the examples can't tell apart are framed, and their examples
+    drawn with another marker. Locked joints are left out.
+
+    Args:
+        joint_positions: ``(n, dof)`` [rad or m] inside the box.
+        box: the joint box, of which at least one joint is free.
+        joint_types: ``revolute`` (drawn in degrees) or ``prismatic`` (in mm or m) for each joint.
+        diagnostics: what :func:`annik_training.designs.diagnostics.diagnose` says of the examples.
+        title: one line.
+    """
+    joints = joint_axes(joint_positions, box, joint_types)
+    blind = {frozenset(pair) for pair in diagnostics.blind_interactions}
+    panel = float(np.clip(_PANELS_WIDTH / len(joints), _LEAST_PANEL, _LARGEST_PANEL))
+    figure = _figure(len(joints), panel)
+    last = len(joints) - 1
+    histograms = []
+    for row, up in enumerate(joints):
+        for column, across in enumerate(joints[:row]):
+            axes = _add_panel(figure, panel, last, row, column)
+            _draw_pair(axes, across, up, frozenset((across.name, up.name)) in blind)
+            _label_across(axes, across, panel, is_named=row == last)
+            _label_up(axes, up, panel, is_named=column == 0)
+        histograms.append(_add_panel(figure, panel, last, row, row))
+        _draw_histogram(histograms[-1], up)
+        _label_across(histograms[-1], up, panel, is_named=row == last)
+    _share_counts(histograms)
+    _add_title(figure, title)
+    _add_legend(figure, diagnostics, _left_out(len(joint_positions), box))
+    return figure
+
+
+def _figure(joints: int, panel: float) -> Figure:
+    """An empty figure with room for as many rows and columns of panels, and for the legend."""
+    width = _LEFT + max(joints * panel, panel + _LEGEND) + _RIGHT
+    height = _ABOVE + joints * panel + _BELOW
+    figure = Figure(figsize=(width, height), dpi=_DOTS_PER_INCH)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _add_panel(figure: Figure, panel: float, last: int, row: int, column: int) -> Axes:
+    width, height = figure.get_size_inches()
+    left, bottom = _LEFT + column * panel, _BELOW + (last - row) * panel
+    side = _FILLED * panel
+    axes = figure.add_axes((left / width, bottom / height, side / width, side / height))
+    for spine in axes.spines.values():
+        spine.set_linewidth(0.6)
+    axes.tick_params(labelsize=_SMALL, length=2.0, width=0.5, pad=1.5)
+    return axes
+
+
+def _draw_pair(axes: Axes, across: JointAxis, up: JointAxis, is_blind: bool) -> None:
+    """The examples, larger where several coincide as seen along the other joints."""
+    drawn = np.stack([across.positions, up.positions], axis=1)[:: _drawn_every(len(up.positions))]
+    widths = np.array([across.upper - across.lower, up.upper - up.lower])
+    _, first, counts = np.unique(
+        np.rint(drawn / (_SAME * widths)), axis=0, return_index=True, return_counts=True
+    )
+    marker = _marker(is_blind)
+    size = np.clip(25.0 / np.sqrt(len(drawn)), 0.8, 2.2)
+    axes.scatter(
+        drawn[first, 0],
+        drawn[first, 1],
+        s=size**2 * np.sqrt(counts),
+        marker=marker["marker"],
+        color=marker["color"],
+        linewidths=0.0,
+        zorder=2.5,
+    )
+    if is_blind:
+        for spine in axes.spines.values():
+            spine.set(color=marker["color"], linewidth=1.5)
+
+
+def _drawn_every(examples: int) -> int:
+    return -(-examples // _MOST_DRAWN)
+
+
+def _draw_histogram(axes: Axes, joint: JointAxis) -> None:
+    axes.hist(
+        joint.positions, bins=_BINS, range=(joint.lower, joint.upper), color=_GREY, rwidth=0.85
+    )
+    # On the free side, as the left one belongs to the positions.
+    axes.yaxis.tick_right()
+    axes.yaxis.set_major_locator(MaxNLocator(2, integer=True, min_n_ticks=2))
+
+
+def _share_counts(histograms: Sequence[Axes]) -> None:
+    """Give all histograms one scale."""
+    highest = max(axes.get_ylim()[1] for axes in histograms)
+    for axes in histograms:
+        axes.set_ylim(0.0, highest)
+
+
+def _label_across(axes: Axes, joint: JointAxis, panel: float, *, is_named: bool) -> None:
+    axes.set_xlim(joint.shown)
+    axes.set_xticks(joint.ticks, labels=joint.numbers if is_named else [])
+    if is_named:
+        if len("".join(joint.numbers)) > 0.6 * _letters(panel):
+            _keep_apart(axes.get_xticklabels())
+        # No mathematics: a name may hold dollar signs.
+        axes.set_xlabel(joint.label(_letters(panel)), fontsize=_TEXT, parse_math=False)
+        axes.xaxis.set_label_coords(0.5, -_TO_NAME_BELOW / (_FILLED * panel))
+
+
+def _keep_apart(numbers: Sequence[Text]) -> None:
+    """Leave out the number at the median, and keep the outer ones off the neighbouring panels."""
+    lower, median, upper = numbers
+    lower.set_horizontalalignment("left")
+    median.set_visible(False)
+    upper.set_horizontalalignment("right")
+
+
+def _label_up(axes: Axes, joint: JointAxis, panel: float, *, is_named: bool) -> None:
+    axes.set_ylim(joint.shown)
+    axes.set_yticks(joint.ticks, labels=joint.numbers if is_named else [])
+    if is_named:
+        axes.set_ylabel(joint.label(_letters(panel)), fontsize=_TEXT, parse_math=False)
+        axes.yaxis.set_label_coords(-_TO_NAME_LEFT / (_FILLED * panel), 0.5)
+
+
+def _letters(panel: float) -> int:
+    """How many letters fit along a panel."""
+    return int(72.0 * panel / _LETTER)
+
+
+def _add_title(figure: Figure, title: str) -> None:
+    width, height = figure.get_size_inches()
+    figure.text(
+        _LEFT / width,
+        1.0 - 0.5 * _ABOVE / height,
+        title,
+        va="center",
+        fontsize=_TITLE,
+        parse_math=False,
+    )
+
+
+def _add_legend(figure: Figure, diagnostics: DesignDiagnostics, left_out: Sequence[str]) -> None:
+    """What the markers mean, and the diagnostics, beside the first panel."""
+    width, height = figure.get_size_inches()
+    keys: list[Line2D | Patch] = [
+        _key("example; larger where several coincide in this view", is_blind=False),
+        Patch(color=_GREY, label="number of examples by the position of one joint"),
+    ]
+    if diagnostics.blind_interactions:
+        blind = (
+            "the same for a blind pair, framed: the product of\n"
+            "its joints can't be told from other such products"
+        )
+        keys.insert(1, _key(blind, is_blind=True))
+    legend = figure.legend(
+        handles=keys,
+        title="\n".join([*_findings(diagnostics), *left_out]),
+        loc="upper right",
+        bbox_to_anchor=(1.0 - _RIGHT / width, 1.0 - _ABOVE / height),
+        fontsize=_TEXT,
+        title_fontsize=_TEXT,
+        alignment="left",
+        frameon=False,
+        borderpad=0.0,
+        borderaxespad=0.0,
+    )
+    legend.get_title().set_parse_math(False)
+
+
+def _findings(diagnostics: DesignDiagnostics) -> list[str]:
+    def rank(model: ModelRank) -> str:
+        return f"rank {model.rank} of {model.terms}, condition number {model.condition:.1f}"
+
+    return [
+        f"linear model: {rank(diagnostics.linear)}",
+        f"quadratic model: {rank(diagnostics.quadratic)}",
+        f"largest empty ball: {diagnostics.largest_empty_ball:.2f} of half the box's diagonal",
+    ]
+
+
+def _left_out(examples: int, box: JointLimits) -> list[str]:
+    """What the panels don't show."""
+    lines = []
+    locked = np.delete(box.joint_names, free_joints(box))
+    if len(locked):
+        lines.append(f"locked: {', '.join(locked)}")
+    every = _drawn_every(examples)
+    if every > 1:
+        lines.append(f"of the examples one in {every} is drawn")
+    return lines
+
+
+def _key(label: str, *, is_blind: bool) -> Line2D:
+    return Line2D([], [], linestyle="", markersize=3.5, label=label, **_marker(is_blind))
+
+
+def _marker(is_blind: bool) -> dict[str, Any]:
+    return (
+        {"marker": "^", "color": _VERMILLION, "markeredgewidth": 0.0}
+        if is_blind
+        else {"marker": "o", "color": _BLUE, "markeredgewidth": 0.0}
+    )

@@ -1,0 +1,84 @@
+"""A joint as an axis of a plot: its positions in units for people, its ends, its name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+from annik_training.designs.free_joints import free_joints
+
+
+@dataclass(frozen=True, eq=False)
+class JointAxis:
+    """A joint that is not locked.
+
+    Attributes:
+        name: the joint's.
+        unit: what the numbers below are in: ``deg``, ``mm`` or ``m``.
+        positions: ``(n,)`` of the examples.
+        lower: where the joint's interval begins.
+        upper: where it ends.
+    """
+
+    name: str
+    unit: str
+    positions: FloatArray
+    lower: float
+    upper: float
+
+    @property
+    def shown(self) -> tuple[float, float]:
+        """The interval, and room for the markers at its ends."""
+        margin = 0.09 * (self.upper - self.lower)
+        return self.lower - margin, self.upper + margin
+
+    @property
+    def ticks(self) -> list[float]:
+        """Both ends and the median, the levels that a design of experiments speaks of."""
+        return [self.lower, 0.5 * (self.lower + self.upper), self.upper]
+
+    @property
+    def numbers(self) -> list[str]:
+        """The ticks as text."""
+        return [f"{tick:.3g}" for tick in self.ticks]
+
+    def label(self, letters: int) -> str:
+        """Name and unit, broken at underscores into lines of so many letters."""
+        lines = [""]
+        for part in self.name.replace("_", "_\n").split("\n"):
+            if lines[-1] and len(lines[-1]) + len(part) > letters:
+                lines.append("")
+            lines[-1] += part
+        return "\n".join([*lines, f"[{self.unit}]"])
+
+
+def joint_axes(
+    joint_positions: FloatArray, box: JointLimits, joint_types: Sequence[str]
+) -> list[JointAxis]:
+    """An axis for each joint that is not locked, in order.
+
+    Args:
+        joint_positions: ``(n, dof)`` [rad or m].
+        box: the joint box.
+        joint_types: ``revolute`` (drawn in degrees) or ``prismatic`` (in mm or m) for each joint.
+    """
+    axes = []
+    for joint in free_joints(box):
+        lower, upper = float(box.lower[joint]), float(box.upper[joint])
+        unit, scale = _unit(joint_types[joint], max(abs(lower), abs(upper)))
+        positions = scale * joint_positions[:, joint]
+        axes.append(
+            JointAxis(box.joint_names[joint], unit, positions, scale * lower, scale * upper)
+        )
+    return axes
+
+
+def _unit(joint_type: str, largest: float) -> tuple[str, float]:
+    """The unit for positions up to a largest one [rad or m], and how many make one rad or m."""
+    if joint_type == "revolute":
+        return "deg", 180.0 / np.pi
+    return ("mm", 1000.0) if largest < 1.0 else ("m", 1.0)

@@ -1,0 +1,53 @@
+"""The full quadratic model in the joint positions, and its rank on a set of rows, exactly.
+
+A rank in floating point is a matter of tolerance; here it is computed with whole numbers and
+fractions, so that "blind to this interaction" is a fact of the design.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+from math import prod
+from typing import Any
+
+from sympy import QQ, ZZ
+from sympy.polys.matrices import DomainMatrix
+
+#: Joints (counted from 0) whose product a term is; the empty one is the constant.
+Term = tuple[int, ...]
+#: A matrix of whole numbers or fractions; SymPy ships no types.
+ExactMatrix = Any
+
+
+def quadratic_terms(dof: int) -> list[Term]:
+    """Constant, linear, square and product terms: (dof + 1)(dof + 2) / 2 of them."""
+    joints = range(dof)
+    return [(), *((joint,) for joint in joints), *combinations_with_replacement(joints, 2)]
+
+
+def term_values(rows: Sequence[Sequence[int]]) -> ExactMatrix:
+    """Values of all terms ``(distinct rows, terms)`` on integer rows ``(n, dof)``."""
+    distinct = sorted({tuple(row) for row in rows})
+    terms = quadratic_terms(len(distinct[0]))
+    values = [[prod(row[joint] for joint in term) for term in terms] for row in distinct]
+    return DomainMatrix(values, (len(values), len(terms)), ZZ)
+
+
+def quadratic_rank(rows: Sequence[Sequence[int]]) -> int:
+    """How many of the terms can be told apart on integer rows ``(n, dof)``."""
+    return int(_square(term_values(rows)).rank())
+
+
+def vanishing_combinations(rows: Sequence[Sequence[int]]) -> ExactMatrix:
+    """Coefficients ``(k, terms)`` of quadratics that are zero on all integer rows ``(n, dof)``.
+
+    Every other such quadratic is a sum of multiples of these. If all terms can be told apart,
+    there is none.
+    """
+    return _square(term_values(rows)).nullspace()
+
+
+def _square(values: ExactMatrix) -> ExactMatrix:
+    """A matrix of the same rank and null space with far fewer rows: real numbers square to > 0."""
+    return (values.transpose() * values).convert_to(QQ)

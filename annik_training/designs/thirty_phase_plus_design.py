@@ -1,0 +1,74 @@
+"""The paper's design, repaired: with the phases that make every two-joint interaction visible.
+
+On the paper's examples some products of joint differences, such as (q1 - q2)(q4 - q6), are zero
+everywhere, whatever the number of steps: a robot whose pose depends on one of them can't be
+learned from these examples. Sweeping a few more pairs of joints together ends that.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import combinations
+
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+from annik_training.designs.quadratic_model import ExactMatrix, term_values, vanishing_combinations
+from annik_training.designs.thirty_phase_design import (
+    Phase,
+    check_steps,
+    distinct_positions,
+    half_steps,
+    phases,
+)
+
+NAME = "thirty_phase_plus"
+
+_MEDIAN = 1
+#: A phase is a line in joint space, on which a quadratic that is zero at three points is zero
+#: everywhere: what two steps show is what any larger number shows.
+_STEPS_TO_SEE = 2
+
+
+@cache
+def interaction_phases(dof: int) -> tuple[Phase, ...]:
+    """The phases to add for a number of joints; for six, the pairs 1,3 1,4 1,5 2,5.
+
+    Pairs are swept together with the other joints at their medians, and are tried in order; one is
+    taken if a quadratic that vanishes on all phases so far does not vanish on it, until none is
+    left.
+    """
+    added: list[Phase] = []
+    vanishing = vanishing_combinations(_rows(phases(dof), dof))
+    for pair in combinations(range(dof), 2):
+        if vanishing.shape[0] == 0:
+            break
+        candidate = Phase(pair, _MEDIAN)
+        shown = vanishing * term_values(_rows([candidate], dof)).transpose()
+        if not shown.is_zero_matrix:
+            added.append(candidate)
+            vanishing = _combinations_to_zero(shown) * vanishing
+    return tuple(added)
+
+
+def thirty_phase_plus_design(box: JointLimits, steps: int) -> FloatArray:
+    """Joint positions ``(n, dof)`` [rad or m] of the repaired design, without repeated rows.
+
+    Args:
+        box: the joint box.
+        steps: j of eq. (6), the steps of each sweep.
+
+    Raises:
+        InvalidDesignSize: if ``steps`` is out of range.
+    """
+    check_steps(NAME, steps)
+    dof = len(box.joint_names)
+    return distinct_positions([*phases(dof), *interaction_phases(dof)], box, steps)
+
+
+def _rows(table: list[Phase], dof: int) -> list[list[int]]:
+    return [row for phase in table for row in half_steps(phase, dof, _STEPS_TO_SEE).tolist()]
+
+
+def _combinations_to_zero(rows: ExactMatrix) -> ExactMatrix:
+    """Coefficients by which sums of multiples of the rows are zero."""
+    return rows.transpose().nullspace()

@@ -1,0 +1,1 @@
+"""Independent measurements, and how they are spread over processes."""

@@ -1,0 +1,1 @@
+"""The published method, reproduced table by table. Millimetres and degrees, as in the paper."""

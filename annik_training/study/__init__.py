@@ -1,0 +1,1 @@
+"""`annik study`: error against number of examples."""

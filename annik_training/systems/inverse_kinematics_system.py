@@ -1,0 +1,89 @@
+"""The inverse kinematics of a robot as a system to learn: from features of the pose to joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from annik_core.gantry import GantryKinematics, GantryWorkspace
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray, pose_difference
+from annik_core.robot import Robot
+from annik_training.fitting.pose_encoding import PoseEncoding, PositionRollPitchYaw
+
+
+@dataclass(frozen=True)
+class InverseKinematicsSystem:
+    """See :class:`annik_training.systems.system.System`. Errors are distances of the end effector.
+
+    Attributes:
+        robot: the robot.
+    """
+
+    robot: Robot
+    error_unit: str = "mm"
+
+    @property
+    def name(self) -> str:
+        """The robot's."""
+        return self.robot.name
+
+    @property
+    def joint_box(self) -> JointLimits:
+        """The robot's."""
+        return self.robot.joint_box
+
+    @property
+    def target_box(self) -> tuple[FloatArray, FloatArray]:
+        """The joint box."""
+        return self.robot.joint_box.lower, self.robot.joint_box.upper
+
+    @cached_property
+    def encoding(self) -> PoseEncoding:
+        """How poses become features."""
+        workspace = self.robot.workspace
+        assert isinstance(workspace, GantryWorkspace)
+        return PositionRollPitchYaw(0.5 * (workspace.lower[3:] + workspace.upper[3:]))
+
+    def features(self, poses: FloatArray, joint_positions: FloatArray) -> FloatArray:
+        """Features ``(n, m)`` of poses ``(n, 7)``.
+
+        Where a pose leaves the choice between several joint positions, it is made unambiguous by
+        the example's own, just as the solver does by the previous command.
+        """
+        workspace = self.robot.workspace
+        resolved = [
+            workspace.resolve(pose, workspace.reference(example)).pose
+            for pose, example in zip(poses, joint_positions, strict=True)
+        ]
+        with torch.no_grad():
+            features: FloatArray = self.encoding(torch.from_numpy(np.array(resolved))).numpy()
+        return features
+
+    def inputs(self, joint_positions: FloatArray) -> FloatArray:
+        """Features of the poses that the forward kinematics gives."""
+        return self.features(self.robot.forward_kinematics.poses(joint_positions), joint_positions)
+
+    def targets(self, joint_positions: FloatArray) -> FloatArray:
+        """The joint positions themselves."""
+        return joint_positions
+
+    def input_jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """Derivatives of the features: the gantry's are its task coordinates, eq. (1)-(2)."""
+        kinematics = self.robot.forward_kinematics
+        assert isinstance(kinematics, GantryKinematics)
+        return np.tile(np.diag(kinematics.ratio), (len(joint_positions), 1, 1))
+
+    def target_jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """The identity: network(encode(forward(q))) = q."""
+        return np.tile(np.eye(self.robot.dof), (len(joint_positions), 1, 1))
+
+    def errors(self, joint_positions: FloatArray, answers: FloatArray) -> FloatArray:
+        """Distances [mm] between where the answers lead and where the joint positions do."""
+        forward = self.robot.forward_kinematics
+        position, _ = pose_difference(forward.poses(joint_positions), forward.poses(answers))
+        distances: FloatArray = 1e3 * np.linalg.norm(position, axis=1)
+        return distances
