@@ -515,6 +515,25 @@ def _print_training(result: TrainingResult) -> None:
         f"{len(fitted.restarts)} starts), {fitted.seconds:.1f} s"
     )
     Console().print(_evaluation_table(result.evaluation, str(result.path)))
+    _warn_of_refusals(result.evaluation)
+
+
+def _warn_of_refusals(evaluation: Evaluation) -> None:
+    """Say it if a node would often refuse what the model answers."""
+    from annik_core.acceptance import AcceptanceLimits
+
+    limits = AcceptanceLimits()
+    if (
+        evaluation.position_error.p95 > limits.max_position_residual
+        or evaluation.orientation_error.p95 > limits.max_orientation_residual
+    ):
+        click.echo(
+            "annik: more than 5 % of these poses are beyond what ik_node accepts by default "
+            f"({1e3 * limits.max_position_residual:g} mm, {limits.max_orientation_residual:g} rad) "
+            "and would be refused; give more --examples or --steps, --restarts or "
+            "--max-evaluations, or another --design",
+            err=True,
+        )
 
 
 def _evaluation_table(evaluation: Evaluation, title: str) -> Table:
