@@ -529,9 +529,9 @@ def _warn_of_refusals(evaluation: Evaluation) -> None:
     ):
         click.echo(
             "annik: more than 5 % of these poses are beyond what ik_node accepts by default "
-            f"({1e3 * limits.max_position_residual:g} mm, {limits.max_orientation_residual:g} rad) "
-            "and would be refused; give more --examples or --steps, --restarts or "
-            "--max-evaluations, or another --design",
+            f"({1e3 * limits.max_position_residual:g} mm, "
+            f"{limits.max_orientation_residual:g} rad) and would be refused; give more --examples "
+            "or --steps, --restarts or --max-evaluations, or another --design",
             err=True,
         )
 
