@@ -327,7 +327,7 @@ class TestLinearPath:
 
 class TestSlopes:
     @pytest.mark.parametrize(
-        ("system", "count", "factor"), [(paper_functions(), 12, 100.0), (ElbowArm(), 20, 10.0)]
+        ("system", "count", "factor"), [(paper_functions(), 12, 100.0), (ElbowArm(), 20, 4.0)]
     )
     def test_examples_with_slopes_teach_more(
         self, system: System, count: int, factor: float
@@ -338,7 +338,7 @@ class TestSlopes:
             for seed in range(3):
                 options = FitOptions(
                     restarts=1,
-                    max_evaluations=7,
+                    max_evaluations=12,
                     held_out_fraction=0.0,
                     slope_weight=weight,
                     seed=seed,
