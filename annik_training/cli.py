@@ -179,7 +179,7 @@ def design(
     help="Weight of the slopes: match the Jacobian too. 0: off; 1 suits examples without noise.",
 )
 @click.option(
-    "--bayesian", is_flag=True, help="Choose the weight decay by the evidence: for noisy examples."
+    "--bayesian", is_flag=True, help="Weight decay by the evidence: for few or noisy examples."
 )
 @click.option("--out", type=_FILE, required=True, help="The model file to write (.onnx).")
 @click.option("--summary", type=_FILE, help="Also write what came out as JSON.")

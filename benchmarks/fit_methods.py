@@ -185,6 +185,9 @@ def main() -> None:
         f"Median (range) over {arguments.starts} starts, {arguments.evaluations} evaluations "
         f"each. {machine()}",
         "",
+        "Separable: annik's fit, on its own Levenberg-Marquardt. Plain: SciPy's (MINPACK) on all "
+        "weights at once.",
+        "",
         *table(outcomes, {name: len(dataset) for name, dataset in datasets.items()}),
     ]
     arguments.out.parent.mkdir(parents=True, exist_ok=True)

@@ -63,7 +63,9 @@ class Evidence:
 def minimise_with_chosen_decay(
     problem: SeparableProblem, start: FloatArray, max_evaluations: int
 ) -> tuple[FloatArray, int]:
-    """Hidden weights ``(p,)`` at the weight decay of most evidence, and the evaluations taken.
+    """Hidden weights ``(p,)`` near the weight decay of most evidence, and the evaluations taken.
+
+    The stop of most evidence is refined by re-estimation twice, if evaluations are left.
 
     Args:
         problem: what to minimise; its ``ridge`` is left at the weight decay that was chosen.

@@ -132,10 +132,13 @@ def fit_starts(
         on_restart: told of each start as it ends, for a progress bar.
 
     Raises:
-        TooFewExamples: if examples are held out and there are fewer than :data:`MIN_EXAMPLES`.
+        TooFewExamples: if examples are held out and there are fewer than :data:`MIN_EXAMPLES`,
+            or if there are none.
     """
     if options.held_out_fraction > 0 and len(examples) < MIN_EXAMPLES:
         raise TooFewExamples(len(examples), MIN_EXAMPLES, "a fit with held-out examples")
+    if len(examples) == 0:
+        raise TooFewExamples(0, 1, "a fit")
     split_seed, *start_seeds = np.random.SeedSequence(options.seed).spawn(options.restarts + 1)
     order = np.random.default_rng(split_seed).permutation(len(examples))
     held_out_count = 0

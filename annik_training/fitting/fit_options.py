@@ -23,8 +23,8 @@ class FitOptions:
         linear_path: let the inputs reach the outputs directly too: y = A x + b + W phi(x), with
             A and b from least squares together with W, see
             :mod:`annik_training.fitting.separable_least_squares`.
-        slope_weight: Sobolev training: weight of the mean square error of dy/dq beside that of y,
-            both scaled. Needs the Jacobian of the forward kinematics; 0 is off.
+        slope_weight: Sobolev training: weight of the squared error of each slope dy/dq_j beside
+            that of y, both scaled. Needs the Jacobian of the forward kinematics; 0 is off.
         bayesian_regularisation: choose the weight decay by the evidence of the training examples,
             see :mod:`annik_training.fitting.bayesian_regularisation`.
         seed: everything random is drawn from it.
