@@ -130,7 +130,9 @@ def test_a_weight_that_is_not_finite(tmp_path: Path, value: float) -> None:
         load_artifact(altered(tmp_path / "model.onnx", change))
 
 
-@pytest.mark.parametrize("name", ["hidden.layers.0.bias", "output.weight", "output.bias"])
+@pytest.mark.parametrize(
+    "name", ["network.hidden.layers.0.bias", "network.output.weight", "network.output.bias"]
+)
 def test_an_altered_weight(tmp_path: Path, name: str) -> None:
     """The stored reference answers tell, if the weight has any effect on an answer."""
 
