@@ -62,11 +62,12 @@ TINY = StudySettings(
 )
 TINY_OPTIONS = tuple(command(TINY).split()[2:])
 #: Enough jobs that a study can be stopped half-way.
+# Each job takes some tenths of a second: long enough that a signal comes in time.
 LONG_OPTIONS = (
     *("--systems", "elbow_arm", "--designs", "sobol,random", "--training", "plain,bayesian"),
-    *("--examples", "40", "--seeds", "10", "--max-evaluations", "12"),
+    *("--examples", "128", "--seeds", "6", "--max-evaluations", "80"),
 )
-LONG_JOBS = 40
+LONG_JOBS = 24
 
 
 def study(folder: Path, *options: object) -> Result:
@@ -241,7 +242,10 @@ def test_results_of_other_settings_are_kept_and_not_used(copied: Path):
 
 
 def start(folder: Path, workers: int) -> subprocess.Popen[str]:
-    """A real study in a process group of its own, which is well under way."""
+    """A real study in a process group of its own, which is well under way.
+
+    A worker that is still loading its modules says so if a signal ends it: each must be at work.
+    """
     command_line = (sys.executable, "-m", "annik_training.cli", "study", "--out", str(folder))
     process = subprocess.Popen(
         [*command_line, *LONG_OPTIONS, "--workers", str(workers)],
@@ -255,7 +259,7 @@ def start(folder: Path, workers: int) -> subprocess.Popen[str]:
     finished_lines = (folder / "results.jsonl").read_bytes().count(b"\n")
     wait_until(
         lambda: (
-            (folder / "results.jsonl").read_bytes().count(b"\n") >= finished_lines + 2
+            (folder / "results.jsonl").read_bytes().count(b"\n") >= finished_lines + 4 * workers
             or process.poll() is not None
         )
     )
