@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from annik_training.dataset import Dataset
 from annik_training.fitting.fit_network import Examples, Indices, Restart, examples_of, fit_starts
@@ -73,5 +73,5 @@ def dataset_examples(
     system: InverseKinematicsSystem, dataset: Dataset, options: FitOptions
 ) -> Examples:
     """The examples of a dataset: its own poses, with the slopes of the robot's model."""
-    computed = examples_of(system, dataset.joint_positions, options)
-    return replace(computed, inputs=system.features(dataset.poses, dataset.joint_positions))
+    inputs = system.features(dataset.poses, dataset.joint_positions)
+    return examples_of(system, dataset.joint_positions, options, inputs)

@@ -55,11 +55,24 @@ class Examples:
         return len(self.inputs)
 
 
-def examples_of(system: System, joint_positions: FloatArray, options: FitOptions) -> Examples:
-    """Examples of a system at joint positions ``(n, dof)``, with slopes if the fit wants them."""
+def examples_of(
+    system: System,
+    joint_positions: FloatArray,
+    options: FitOptions,
+    inputs: FloatArray | None = None,
+) -> Examples:
+    """Examples of a system, with slopes if the fit wants them.
+
+    Args:
+        system: the system.
+        joint_positions: ``(n, dof)`` [rad or m].
+        options: how they will be fitted.
+        inputs: ``(n, m)`` what the network sees there, if that is known already: the system's own
+            can be slow to compute.
+    """
     slopes = options.slope_weight > 0
     return Examples(
-        system.inputs(joint_positions),
+        system.inputs(joint_positions) if inputs is None else inputs,
         system.targets(joint_positions),
         system.target_box,
         system.input_jacobians(joint_positions) if slopes else None,
