@@ -95,3 +95,17 @@ def pose_difference(target: FloatArray, achieved: FloatArray) -> tuple[FloatArra
     position = target[..., :3] - achieved[..., :3]
     rotation = Rotation.from_quat(target[..., 3:]) * Rotation.from_quat(achieved[..., 3:]).inv()
     return position, rotation.as_rotvec()
+
+
+def pose_distance(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far the achieved poses are from the targets: the norms of :func:`pose_difference`.
+
+    Args:
+        target: ``(7,)`` or ``(n, 7)``, checked poses.
+        achieved: same shape.
+
+    Returns:
+        Distances [m] and angles [rad, in [0, pi]], each ``()`` or ``(n,)``.
+    """
+    position, rotation = pose_difference(target, achieved)
+    return np.linalg.norm(position, axis=-1), np.linalg.norm(rotation, axis=-1)

@@ -19,7 +19,7 @@ import numpy as np
 from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import DatasetError, UnreadableDataset
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray, pose_difference
+from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
 from annik_training.designs.registry import make_design
@@ -256,11 +256,7 @@ def _check_forward_kinematics(
 ) -> None:
     """Refuse poses that are said to be computed, and are not where the joint positions lead."""
     with np.errstate(over="ignore"):
-        position, rotation = pose_difference(
-            poses, robot.forward_kinematics.poses(joint_positions)
-        )
-        distances = np.linalg.norm(position, axis=1)
-    angles = np.linalg.norm(rotation, axis=1)
+        distances, angles = pose_distance(poses, robot.forward_kinematics.poses(joint_positions))
     # Not '>': what overflowed to NaN disagrees.
     wrong = np.flatnonzero(~((distances <= POSE_AGREEMENT) & (angles <= POSE_AGREEMENT)))
     if len(wrong):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.pose import FloatArray, pose_difference
+from annik_core.pose import FloatArray, pose_distance
 from annik_training.dataset import Dataset
 
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
@@ -74,13 +74,13 @@ def evaluate(joint_positions: Callable[[FloatArray], FloatArray], dataset: Datas
     poses = np.array([robot.workspace.resolve(pose, None).pose for pose in dataset.poses])
     answer = joint_positions(poses)
     achieved = robot.forward_kinematics.poses(answer)
-    position, rotation = pose_difference(dataset.poses, achieved)
+    distances, angles = pose_distance(dataset.poses, achieved)
     limits = robot.joint_limits
     outside = ~((answer >= limits.lower) & (answer <= limits.upper)).all(axis=1)
     return Evaluation(
         examples=len(dataset),
         seed=dataset.seed,
-        position_error=ErrorSummary.of(np.linalg.norm(position, axis=1)),
-        orientation_error=ErrorSummary.of(np.linalg.norm(rotation, axis=1)),
+        position_error=ErrorSummary.of(distances),
+        orientation_error=ErrorSummary.of(angles),
         outside_joint_limits=float(outside.mean()),
     )

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from torch import Tensor
 from torch.func import functional_call, jacrev, vmap
 
-from annik_core.pose import FloatArray, pose_difference
+from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_core.target_paths import diagonal_path
@@ -102,8 +102,8 @@ def position_errors_mm(
 ) -> FloatArray:
     """Distance of the end effector from each pose, by the direct kinematics."""
     achieved = robot.forward_kinematics.poses(network.joint_positions(poses))
-    errors: FloatArray = 1e3 * np.linalg.norm(pose_difference(poses, achieved)[0], axis=1)
-    return errors
+    distances, _ = pose_distance(poses, achieved)
+    return 1e3 * distances
 
 
 def run(dataset: Dataset, unseen: FloatArray, method: str, seed: int, evaluations: int) -> Outcome:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from annik_training.evaluation import ErrorSummary
 from annik_training.paper import printed
 from annik_training.paper.efficiency_experiment import fewest_examples
 from annik_training.paper.example_sets import counts
@@ -107,9 +108,9 @@ def _workspace(measured: Measurements) -> bytes:
             number == outcome.winner,
             start.restart.training_error,
             start.restart.held_out_error,
-            np.sqrt(np.mean(start.workspace_position**2)),
+            ErrorSummary.of(start.workspace_position).rms,
             start.workspace_position[-1],
-            np.sqrt(np.mean(start.workspace_orientation**2)),
+            ErrorSummary.of(start.workspace_orientation).rms,
             start.workspace_orientation[-1],
         )
         for (method, name), outcome in sorted(measured.robot.items())

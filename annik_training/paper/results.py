@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.pose import FloatArray
 from annik_core.version import VERSION
+from annik_training.evaluation import ErrorSummary
 from annik_training.paper import printed
 from annik_training.paper.efficiency_experiment import ACCURACIES, fewest_examples, least
 from annik_training.paper.example_sets import counts
@@ -107,17 +107,17 @@ def _workspace_errors(outcome: RobotSetOutcome) -> dict[str, Any]:
     orientation = [start.workspace_orientation for start in outcome.starts]
     return {
         "position_error_mm": {
-            "rms": _median([_rms(errors) for errors in position]),
+            "rms": _median([ErrorSummary.of(errors).rms for errors in position]),
             "max": _median([float(errors.max()) for errors in position]),
-            "rms_range": _range([_rms(errors) for errors in position]),
+            "rms_range": _range([ErrorSummary.of(errors).rms for errors in position]),
             "max_range": _range([float(errors.max()) for errors in position]),
             "chosen_network": {
-                "rms": _rms(winner.workspace_position),
+                "rms": ErrorSummary.of(winner.workspace_position).rms,
                 "max": float(winner.workspace_position.max()),
             },
         },
         "orientation_error_deg": {
-            "rms": _median([_rms(errors) for errors in orientation]),
+            "rms": _median([ErrorSummary.of(errors).rms for errors in orientation]),
             "max": _median([float(errors.max()) for errors in orientation]),
         },
         "poses": len(winner.workspace_position),
@@ -173,10 +173,6 @@ def _blind(measured: Measurements) -> dict[str, Any]:
             for training, by_design in errors.items()
         },
     }
-
-
-def _rms(errors: FloatArray) -> float:
-    return float(np.sqrt(np.mean(errors**2)))
 
 
 def _median(values: Sequence[float]) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annik_core.pose import FloatArray, pose_difference
+from annik_core.pose import FloatArray, pose_distance
 from annik_core.target_paths import diagonal_path
 from annik_training.fitting.fit_network import Restart, examples_of, fit_starts
 from annik_training.fitting.fit_options import FitOptions
@@ -94,8 +94,5 @@ def _errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Position errors [mm] and orientation errors [deg] ``(n,)`` at poses ``(n, 7)``."""
     achieved = system.robot.forward_kinematics.poses(network.joint_positions(poses))
-    position, rotation = pose_difference(poses, achieved)
-    return (
-        1e3 * np.linalg.norm(position, axis=1),
-        np.degrees(np.linalg.norm(rotation, axis=1)),
-    )
+    distances, angles = pose_distance(poses, achieved)
+    return 1e3 * distances, np.degrees(angles)

@@ -10,7 +10,7 @@ import torch
 
 from annik_core.gantry import GantryKinematics, GantryWorkspace
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray, pose_difference
+from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
 from annik_training.fitting.pose_encoding import PoseEncoding, PositionRollPitchYaw
 
@@ -84,6 +84,5 @@ class InverseKinematicsSystem:
     def errors(self, joint_positions: FloatArray, answers: FloatArray) -> FloatArray:
         """Distances [mm] between where the answers lead and where the joint positions do."""
         forward = self.robot.forward_kinematics
-        position, _ = pose_difference(forward.poses(joint_positions), forward.poses(answers))
-        distances: FloatArray = 1e3 * np.linalg.norm(position, axis=1)
-        return distances
+        distances, _ = pose_distance(forward.poses(joint_positions), forward.poses(answers))
+        return 1e3 * distances

@@ -12,6 +12,7 @@ from annik_core.pose import (
     POSE_FIELDS,
     checked_pose,
     pose_difference,
+    pose_distance,
     pose_from_roll_pitch_yaw,
 )
 
@@ -78,3 +79,14 @@ def test_difference_is_the_rotation_that_is_missing(angle: float) -> None:
     position, rotation = pose_difference(target, start)
     assert position == pytest.approx([0, 0, 0.5])
     assert rotation == pytest.approx([0, 0, angle], abs=1e-9)
+
+
+def test_distance_is_the_norm_of_the_difference() -> None:
+    """Of many poses at once, and of one."""
+    start = pose_from_roll_pitch_yaw(np.zeros((2, 3)), [[0.4, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    target = pose_from_roll_pitch_yaw([[3, 0, 4], [0, 0, 0]], [[0.4, 0.0, -0.7], [0.0, 0.2, 0.0]])
+    distances, angles = pose_distance(target, start)
+    assert distances == pytest.approx([5.0, 0.0])
+    assert angles == pytest.approx([0.7, 0.2])
+    for row in range(2):
+        assert pose_distance(target[row], start[row]) == (distances[row], angles[row])
