@@ -9,15 +9,9 @@ from typing import Any
 import jinja2
 
 from annik_training.paper import printed
-from annik_training.paper.efficiency_experiment import ACCURACIES, DESIGNS, LADDERS
-from annik_training.paper.example_sets import robot_set
+from annik_training.paper.efficiency_experiment import ACCURACIES, DESIGNS, TRAINING_TITLES
 
 _TEMPLATE = "paper.md.jinja"
-_TRAINING_TITLES = {
-    "plain": "plain",
-    "linear_path": "linear path",
-    "sobolev": "Sobolev",
-}
 
 
 def paper_document(results: Mapping[str, Any], images: str, machine: str) -> str:
@@ -45,13 +39,8 @@ def paper_document(results: Mapping[str, Any], images: str, machine: str) -> str
         images=images,
         machine=machine,
         accuracies=ACCURACIES,
-        ladders=LADDERS,
         designs=DESIGNS,
-        training_titles=_TRAINING_TITLES,
-        examples={
-            method: {name: len(robot_set(method, name)) for name in printed.SETS}
-            for method in printed.METHODS
-        },
+        training_titles=TRAINING_TITLES,
     )
     return "\n".join(line.rstrip() for line in text.split("\n"))
 

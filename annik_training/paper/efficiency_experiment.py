@@ -11,6 +11,12 @@ from annik_training.fitting.training_options import TRAINING_OPTIONS
 from annik_training.jobs.fit_job import FitJob, FitOutcome, one_start
 
 DESIGNS = ("sobol", "latin_hypercube")
+#: The ways to fit that are compared, as the page and its figures call them.
+TRAINING_TITLES: Mapping[str, str] = {
+    "plain": "plain",
+    "linear_path": "linear path",
+    "sobolev": "Sobolev",
+}
 
 
 @dataclass(frozen=True)
@@ -51,7 +57,7 @@ ACCURACIES = (
 )
 
 #: Numbers of examples to try, for each system and way to fit: from too few to more than enough.
-LADDERS: Mapping[tuple[str, str], Sequence[int]] = {
+LADDERS: Mapping[tuple[str, str], tuple[int, ...]] = {
     ("gantry", "plain"): (24, 28, 33, 39, 46, 54, 64, 75),
     ("gantry", "linear_path"): (5, 6, 7, 8, 10, 14),
     ("gantry", "sobolev"): (5, 6, 7, 8, 10, 12, 14, 17, 20),

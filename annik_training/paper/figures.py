@@ -18,7 +18,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from annik_core.pose import FloatArray
 from annik_training.paper import printed
-from annik_training.paper.efficiency_experiment import ACCURACIES
+from annik_training.paper.efficiency_experiment import ACCURACIES, TRAINING_TITLES
 from annik_training.paper.function_experiment import test_diagonal
 from annik_training.paper.reproduction import Measurements
 
@@ -26,9 +26,9 @@ _COLOURS: Final = {"thirty_phase": "#0072B2", "known": "#D55E00"}
 _LINES: Final = {"thirty_phase": "-", "known": "--"}
 _MARKERS: Final = {"thirty_phase": "o", "known": "s"}
 _TRAINING: Final = {
-    "plain": ("#D55E00", "s", "--", "plain"),
-    "linear_path": ("#009E73", "^", "-.", "linear path"),
-    "sobolev": ("#0072B2", "o", "-", "Sobolev"),
+    "plain": ("#D55E00", "s", "--"),
+    "linear_path": ("#009E73", "^", "-."),
+    "sobolev": ("#0072B2", "o", "-"),
 }
 _DOTS_PER_INCH: Final = 150
 _BAND: Final = 0.18
@@ -148,7 +148,7 @@ def fewest_examples_figure(measured: Measurements) -> bytes:
         (panels[0], "gantry", "max", "the robot", "greatest position error [mm]"),
         (panels[1], "F", "mse", "F", "mean square error"),
     ):
-        for training, (colour, marker, line, name) in _TRAINING.items():
+        for training, (colour, marker, line) in _TRAINING.items():
             by_size: dict[int, list[float]] = {}
             for job, outcome in measured.fits.items():
                 if (job.system, job.design, job.training) == (system, "sobol", training):
@@ -165,7 +165,7 @@ def fewest_examples_figure(measured: Measurements) -> bytes:
                 color=colour,
                 marker=marker,
                 markersize=4,
-                label=name,
+                label=TRAINING_TITLES[training],
             )
             axes.fill_between(
                 sizes, errors.min(axis=0), errors.max(axis=0), color=colour, alpha=_BAND, lw=0

@@ -41,9 +41,7 @@ class PaperSettings:
     seed: int = 2026
     seeds: int = 10
     max_evaluations: int = 50
-    ladders: Mapping[tuple[str, str], tuple[int, ...]] = field(
-        default_factory=lambda: {key: tuple(ladder) for key, ladder in LADDERS.items()}
-    )
+    ladders: Mapping[tuple[str, str], tuple[int, ...]] = field(default_factory=lambda: LADDERS)
 
     @classmethod
     def quick(cls, seed: int) -> PaperSettings:
