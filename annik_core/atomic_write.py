@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+
+
+def ensure_writable_folder(folder: Path) -> None:
+    """Make a folder, and find out before long work whether files can be written there.
+
+    Raises:
+        OSError: if not.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
 
 
 def write_files_atomically(folder: Path, contents: Mapping[str, bytes]) -> None:

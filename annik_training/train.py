@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from annik_core.atomic_write import ensure_writable_folder
 from annik_core.errors import ArtifactNotWritable
 from annik_core.robot import Robot
 from annik_training.dataset import Dataset, compute_random_dataset
@@ -64,9 +64,7 @@ def train(
 def _check_writable(path: Path) -> None:
     """Find out before the fit, not after it."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
+        ensure_writable_folder(path.parent)
     except OSError as error:
         raise ArtifactNotWritable(path, error.strerror or str(error)) from error
 

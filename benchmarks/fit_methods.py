@@ -30,8 +30,8 @@ from annik_training.fitting.fit_network import fit_start, scaled_examples, untra
 from annik_training.fitting.fit_options import FitOptions
 from annik_training.fitting.network import InverseKinematicsNetwork, ScaledNetwork
 from annik_training.fitting.separable_least_squares import ScaledExamples
+from annik_training.machine import machine
 from annik_training.systems.inverse_kinematics_system import InverseKinematicsSystem
-from benchmarks.machine import machine
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "fit_methods.md"
 SETS = {"Set 1": 3, "Set 2": 6, "Set 3": 15}

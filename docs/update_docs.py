@@ -22,7 +22,7 @@ from annik_ros.parameter_table import Parameter
 from annik_ros.parameters import PARAMETER_TABLES
 from annik_training.designs.registry import DESIGNS
 from annik_training.designs.thirty_phase_design import describe_phases
-from benchmarks.machine import machine
+from annik_training.machine import machine
 from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent

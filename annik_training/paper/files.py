@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from pathlib import Path
 
-from annik_core.atomic_write import write_files_atomically
+from annik_core.atomic_write import ensure_writable_folder, write_files_atomically
 from annik_core.errors import ReproductionNotWritable
 from annik_training.machine import machine
 from annik_training.paper.csv_tables import csv_tables
@@ -30,9 +29,7 @@ def check_writable(*folders: Path) -> None:
     """
     for folder in folders:
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                pass
+            ensure_writable_folder(folder)
         except OSError as error:
             raise ReproductionNotWritable(folder, error.strerror or str(error)) from error
 

@@ -6,11 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import joblib
 import pytest
+from process_groups import is_group_gone, wait_until
 
 from annik_core.errors import WorkerEnded
 from annik_training.jobs.job_runner import run_jobs
@@ -74,18 +74,3 @@ def test_workers_end_with_a_program_that_is_killed(tmp_path: Path):
     finally:
         if not is_group_gone(process.pid):
             os.killpg(process.pid, signal.SIGKILL)
-
-
-def wait_until(condition, seconds: float = 60.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
-def is_group_gone(group: int) -> bool:
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return True
-    return False
