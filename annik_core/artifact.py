@@ -21,6 +21,7 @@ from annik_core.errors import (
     ArtifactTooLarge,
     InvalidArtifactMetadata,
     InvalidRobotDefinition,
+    MissingDependency,
     NetworkFailed,
     NonFiniteWeights,
     RobotMismatch,
@@ -134,12 +135,13 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
         ArtifactSignatureMismatch: if inputs or outputs are not those of the contract.
         NetworkFailed: if the network has no answer to the reference poses.
         RobotMismatch: if the file is for another robot than expected.
+        MissingDependency: if the robot is an arm and Pinocchio is not installed.
     """
     file = Path(path)
     content = _read(file)
     try:
         artifact = validated_artifact(content, file)
-    except ArtifactError:
+    except (ArtifactError, MissingDependency):
         raise
     # The bytes may be anything, and the libraries that read them promise no exceptions. Whatever
     # the checks did not foresee is still a file that can't be used, and ends no running node.

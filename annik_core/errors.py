@@ -15,6 +15,14 @@ class AnnikError(Exception):
     """Base of every exception that annik raises on purpose."""
 
 
+class MissingDependency(AnnikError):
+    """A library that this needs is not installed, or is another one of that name."""
+
+    def __init__(self, library: str, purpose: str, remedy: str) -> None:
+        self.library = library
+        super().__init__(f"{purpose} needs {library}: {remedy}")
+
+
 # --- robots -----------------------------------------------------------------------------------
 
 
@@ -30,7 +38,7 @@ class UnknownRobot(RobotError):
         self.known = tuple(known)
         super().__init__(
             f"no robot {name!r}: give one of the packaged robots ({', '.join(self.known)}) "
-            "or the path of a robot definition (.yaml)"
+            "or the path of a robot definition (.yaml) or a URDF (.urdf)"
         )
 
 

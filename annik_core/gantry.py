@@ -26,8 +26,10 @@ from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 from annik_core.robot import (
     ForwardKinematics,
+    PoseErrorFunction,
     ResolvedTarget,
     Robot,
+    base_frame_error_to,
     check_joint_count,
     checked_name,
     checked_numbers,
@@ -95,6 +97,10 @@ class GantryKinematics(ForwardKinematics):
         jacobians[:, 4, 4] = np.cos(yaw) * self.ratio[4]
         jacobians[:, 5, 5] = self.ratio[5]
         return jacobians
+
+    def error_to(self, target: FloatArray) -> PoseErrorFunction:
+        """See :meth:`annik_core.robot.ForwardKinematics.error_to`."""
+        return base_frame_error_to(self, target)
 
 
 @dataclass(frozen=True, eq=False)

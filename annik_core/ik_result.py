@@ -16,6 +16,7 @@ class IkStatus(Enum):
     NOT_UNIT_QUATERNION = "not a unit quaternion"
     WRONG_FRAME = "wrong frame"
     OUTSIDE_WORKSPACE = "outside workspace"
+    NOT_CONVERGED = "not converged"
     JOINT_LIMIT = "joint limit"
     RESIDUAL_TOO_LARGE = "residual too large"
     JOINT_STEP_TOO_LARGE = "joint step too large"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,25 +15,46 @@ from annik_core.acceptance import AcceptanceLimits, joint_step_violation, residu
 from annik_core.artifact import ModelArtifact, load_artifact
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.ik_result import IkResult, IkStatus
-from annik_core.pose import FloatArray, checked_pose, pose_difference
-from annik_core.robot import Robot
+from annik_core.pose import FloatArray, checked_pose
+from annik_core.refinement import Refined, Refinement, RefinementOptions
+from annik_core.robot import ResolvedTarget, Robot
+
+
+class SolverMode(Enum):
+    """What answers a target.
+
+    ``NETWORK``: the network alone, as in the paper. ``REFINED``: the network's answer, polished on
+    the forward kinematics inside the working joint box. ``AUTO``: refined for an arm, the network
+    for the gantry, whose linear kinematics it learns exactly.
+    """
+
+    AUTO = "auto"
+    NETWORK = "network"
+    REFINED = "refined"
 
 
 @dataclass(frozen=True, eq=False)
 class IkSolver:
-    """Turns target poses into joint positions, in a fixed number of operations.
+    """Turns target poses into joint positions, in a bounded number of operations.
 
     The checks run in this order, and the first that fails is the answer: finite numbers, unit
-    quaternion, workspace, network, joint limits, residual, joint step. They see exactly the joint
-    positions that are returned; nothing is clamped.
+    quaternion, workspace, network, convergence (refined mode), joint limits, residual, joint step.
+    They see exactly the joint positions that are returned; nothing is clamped.
 
     Attributes:
         artifact: the trained network and the robot that it is for.
         limits: what an answer must satisfy.
+        mode: what answers a target.
+        refinement_options: how far an answer is polished in refined mode.
+        seed_from_previous: in refined mode, begin at the previous answer where its pose is nearer
+            to the target than the network's. Then an answer depends on what came before it.
     """
 
     artifact: ModelArtifact
     limits: AcceptanceLimits = AcceptanceLimits()
+    mode: SolverMode = SolverMode.AUTO
+    refinement_options: RefinementOptions = RefinementOptions()
+    seed_from_previous: bool = False
 
     @classmethod
     def from_file(cls, path: str | Path, limits: AcceptanceLimits | None = None) -> IkSolver:
@@ -46,6 +69,13 @@ class IkSolver:
     def robot(self) -> Robot:
         """The robot that the model was trained for."""
         return self.artifact.robot
+
+    @cached_property
+    def refines(self) -> bool:
+        """Whether the network's answers are polished."""
+        if self.mode is SolverMode.AUTO:
+            return self.robot.kind == "arm"
+        return self.mode is SolverMode.REFINED
 
     def solve(self, pose: ArrayLike, previous: IkResult | FloatArray | None = None) -> IkResult:
         """Joint positions that reach one pose.
@@ -62,23 +92,47 @@ class IkSolver:
         Raises:
             WrongShape: if ``pose`` is not seven numbers.
         """
+        reference, previous_positions = self._remembered(previous)
+        checked = self._checked(pose, reference)
+        if isinstance(checked, IkResult):
+            return checked
+        answer = self.artifact.joint_positions(checked.resolved.pose[np.newaxis])[0]
+        return self._result(checked, answer, previous_positions)
+
+    def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
+        """Answers to many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them.
+
+        The network answers all of them at once, which is quicker; its answers may differ from
+        those to one pose at a time by rounding.
+        """
+        checked = [self._checked(pose, None) for pose in np.asarray(poses, dtype=np.float64)]
+        targets = [target for target in checked if isinstance(target, _Target)]
+        if not targets:
+            return [target for target in checked if isinstance(target, IkResult)]
+        answers = iter(
+            self.artifact.joint_positions(np.array([target.resolved.pose for target in targets]))
+        )
+        return [
+            target if isinstance(target, IkResult) else self._result(target, next(answers), None)
+            for target in checked
+        ]
+
+    @cached_property
+    def _refinement(self) -> Refinement:
+        robot = self.robot
+        return Refinement(robot.forward_kinematics, robot.joint_box, self.refinement_options)
+
+    def _checked(self, pose: ArrayLike, reference: FloatArray | None) -> _Target | IkResult:
         try:
             target = checked_pose(pose)
         except NonFiniteValue as error:
             return IkResult.refused(IkStatus.NOT_FINITE, str(error))
         except NotUnitQuaternion as error:
             return IkResult.refused(IkStatus.NOT_UNIT_QUATERNION, str(error))
-        reference, previous_positions = self._remembered(previous)
         resolved = self.robot.workspace.resolve(target, reference)
         if resolved.violation is not None:
             return IkResult.refused(IkStatus.OUTSIDE_WORKSPACE, resolved.violation)
-        joint_positions = self.artifact.joint_positions(resolved.pose[np.newaxis])[0]
-        result = self._accepted_or_refused(target, joint_positions, previous_positions)
-        return replace(result, reference=resolved.reference) if result.accepted else result
-
-    def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
-        """Answers to many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them."""
-        return [self.solve(pose) for pose in np.asarray(poses, dtype=np.float64)]
+        return _Target(target, resolved)
 
     def _remembered(
         self, previous: IkResult | FloatArray | None
@@ -90,33 +144,78 @@ class IkSolver:
             return previous.reference, previous.joint_positions
         return self.robot.workspace.reference(previous), previous
 
-    def _accepted_or_refused(
-        self, target: FloatArray, joint_positions: FloatArray, previous: FloatArray | None
+    def _result(
+        self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
     ) -> IkResult:
-        violation = self.robot.joint_limits.violation(joint_positions)
+        """The network's answer, polished if asked, checked, and as a result."""
+        if self.refines and np.isfinite(network_answer).all():
+            answer = self._refined(target, network_answer, previous)
+            if not answer.converged:
+                return _not_converged(answer)
+        else:
+            answer = Refined(network_answer, math.nan, math.nan, 0, False)
+        violation = self.robot.joint_limits.violation(answer.joint_positions)
         if violation is not None:
             return IkResult.refused(IkStatus.JOINT_LIMIT, violation)
-        achieved = self.robot.forward_kinematics.poses(joint_positions[np.newaxis])[0]
-        position, rotation = pose_difference(target, achieved)
-        position_residual = math.hypot(*position)
-        orientation_residual = math.hypot(*rotation)
-        violation = residual_violation(position_residual, orientation_residual, self.limits)
-        if violation is not None:
-            return IkResult.refused(
-                IkStatus.RESIDUAL_TOO_LARGE, violation, position_residual, orientation_residual
+        if not self.refines:
+            error = self.robot.forward_kinematics.error_to(target.pose).error(network_answer)
+            answer = Refined(network_answer, error.position, error.orientation, 0, True)
+        return self._accepted_or_refused(target, answer, previous)
+
+    def _refined(
+        self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
+    ) -> Refined:
+        start = network_answer
+        if self.seed_from_previous and previous is not None:
+            function = self.robot.forward_kinematics.error_to(target.pose)
+            start = min(
+                (network_answer, previous),
+                key=lambda positions: float(np.linalg.norm(function.error(positions).twist)),
             )
-        if previous is not None:
-            violation = joint_step_violation(
-                self.robot.joint_names, joint_positions, previous, self.limits
-            )
-            if violation is not None:
-                return IkResult.refused(
-                    IkStatus.JOINT_STEP_TOO_LARGE,
-                    violation,
-                    position_residual,
-                    orientation_residual,
-                )
-        joint_positions.flags.writeable = False
-        return IkResult(
-            IkStatus.SUCCESS, joint_positions, position_residual, orientation_residual, 0, ""
+        return self._refinement.refined(start, target.pose)
+
+    def _accepted_or_refused(
+        self, target: _Target, answer: Refined, previous: FloatArray | None
+    ) -> IkResult:
+        """The last two checks: residual and joint step."""
+        status = IkStatus.RESIDUAL_TOO_LARGE
+        violation = residual_violation(
+            answer.position_residual, answer.orientation_residual, self.limits
         )
+        if violation is None and previous is not None:
+            status = IkStatus.JOINT_STEP_TOO_LARGE
+            violation = joint_step_violation(
+                self.robot.joint_names, answer.joint_positions, previous, self.limits
+            )
+        residuals = answer.position_residual, answer.orientation_residual, answer.newton_steps
+        if violation is not None:
+            return IkResult.refused(status, violation, *residuals)
+        answer.joint_positions.flags.writeable = False
+        return IkResult(
+            IkStatus.SUCCESS, answer.joint_positions, *residuals, "", target.resolved.reference
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """A target that may be answered.
+
+    Attributes:
+        pose: ``(7,)`` checked.
+        resolved: as the network should see it.
+    """
+
+    pose: FloatArray
+    resolved: ResolvedTarget
+
+
+def _not_converged(answer: Refined) -> IkResult:
+    return IkResult.refused(
+        IkStatus.NOT_CONVERGED,
+        f"{1e3 * answer.position_residual:.4g} mm and "
+        f"{math.degrees(answer.orientation_residual):.4g} degrees are left after "
+        f"{answer.newton_steps} steps: no solution in the working joint box was found",
+        answer.position_residual,
+        answer.orientation_residual,
+        answer.newton_steps,
+    )

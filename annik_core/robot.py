@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
@@ -13,7 +14,34 @@ import numpy as np
 
 from annik_core.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, pose_difference
+
+
+class PoseError(NamedTuple):
+    """What is missing at some joint positions to reach a target.
+
+    Attributes:
+        twist: ``(6,)`` the motion that reaches it, linear [m] and angular [rad], in the axes that
+            the Jacobian beside it uses.
+        position: distance [m].
+        orientation: angle [rad].
+    """
+
+    twist: FloatArray
+    position: float
+    orientation: float
+
+
+class PoseErrorFunction(NamedTuple):
+    """How far from one target joint positions ``(dof,)`` lead, and how to come nearer.
+
+    Attributes:
+        error: the error at joint positions.
+        jacobian: ``(6, dof)``; to first order, ``jacobian(q) @ dq`` takes ``dq`` off the twist.
+    """
+
+    error: Callable[[FloatArray], PoseError]
+    jacobian: Callable[[FloatArray], FloatArray]
 
 
 class ForwardKinematics(Protocol):
@@ -30,6 +58,27 @@ class ForwardKinematics(Protocol):
         base frame, per unit of joint velocity.
         """
         ...
+
+    def error_to(self, target: FloatArray) -> PoseErrorFunction:
+        """The error to one target pose ``(7,)`` as a function of the joint positions."""
+        ...
+
+
+def base_frame_error_to(kinematics: ForwardKinematics, target: FloatArray) -> PoseErrorFunction:
+    """:meth:`ForwardKinematics.error_to` by poses and Jacobians, with base-frame twists."""
+
+    def error(joint_positions: FloatArray) -> PoseError:
+        achieved = kinematics.poses(joint_positions[np.newaxis])[0]
+        position, rotation = pose_difference(target, achieved)
+        return PoseError(
+            np.concatenate([position, rotation]), math.hypot(*position), math.hypot(*rotation)
+        )
+
+    def jacobian(joint_positions: FloatArray) -> FloatArray:
+        derivatives: FloatArray = kinematics.jacobians(joint_positions[np.newaxis])[0]
+        return derivatives
+
+    return PoseErrorFunction(error, jacobian)
 
 
 class ResolvedTarget(NamedTuple):

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from annik_core.arm import arm_from_definition
 from annik_core.errors import InvalidRobotDefinition, UnknownRobot
 from annik_core.gantry import gantry_from_definition
-from annik_core.robot import Robot
+from annik_core.robot import Robot, checked_name
 from annik_core.share_directory import share_directory
 
-_KINDS = {"gantry": gantry_from_definition}
+_KINDS = {"arm": arm_from_definition, "gantry": gantry_from_definition}
 #: A definition is a few levels deep; one of many more, or that holds itself, is none.
 _MAX_DEPTH = 16
 
@@ -24,24 +25,78 @@ def packaged_robots() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (share_directory() / "robots").glob("*.yaml")))
 
 
-def load_robot(name_or_path: str | Path) -> Robot:
-    """The robot with this name, or whose definition is at this path.
+def load_robot(
+    source: str | Path,
+    *,
+    base_frame: str | None = None,
+    end_effector_frame: str | None = None,
+    joint_box: Mapping[str, Sequence[float]] | None = None,
+) -> Robot:
+    """A robot by name, by the path of its definition or URDF, or by the text of a URDF.
+
+    Args:
+        source: a packaged robot's name, the path of a definition (.yaml) or a URDF (.urdf or
+            .xml), or the text that the parameter ``robot_description`` has.
+        base_frame: of an arm: the link that poses are given in; left out, the definition's, or
+            else the root of the URDF.
+        end_effector_frame: of an arm: the link whose pose it is; left out, the definition's, or
+            else the tip of the URDF, if it has only one.
+        joint_box: of an arm: the working box, [lower, upper] of joints by name [rad or m]; equal
+            bounds lock a joint. It goes before the definition's, joint by joint.
 
     Raises:
-        UnknownRobot: if there is neither; lists the packaged names.
+        UnknownRobot: if there is no such robot or file; lists the packaged names.
         InvalidRobotDefinition: if the definition can't be read or used.
+        MissingDependency: if it is an arm and Pinocchio is not installed.
     """
-    path = Path(name_or_path)
-    if path.suffix not in (".yaml", ".yml"):
-        path = share_directory() / "robots" / f"{name_or_path}.yaml"
+    definition, name = _definition(source)
+    given: dict[str, Any] = {
+        "base_frame": base_frame,
+        "end_effector_frame": end_effector_frame,
+        "joint_box": joint_box,
+    }
+    given = {key: value for key, value in given.items() if value is not None}
+    if given:
+        if not isinstance(definition, Mapping) or definition.get("kind") != "arm":
+            raise InvalidRobotDefinition(name, f"{next(iter(given))} can be given for an arm only")
+        known_box = definition.get("joint_box")
+        if joint_box is not None and isinstance(known_box, Mapping):
+            given["joint_box"] = {**known_box, **joint_box}
+        definition = {**definition, **given}
+    return robot_from_definition(definition, name)
+
+
+def _definition(source: str | Path) -> tuple[Any, str]:
+    """What describes the robot, as read, and what to call it in an error."""
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        return {"kind": "arm", "urdf": source}, "robot_description"
+    path = Path(source)
+    if path.suffix not in (".yaml", ".yml", ".urdf", ".xml"):
+        path = share_directory() / "robots" / f"{source}.yaml"
     if not path.is_file():
-        raise UnknownRobot(str(name_or_path), packaged_robots())
+        raise UnknownRobot(str(source), packaged_robots())
+    if path.suffix in (".urdf", ".xml"):
+        return {"kind": "arm", "urdf": _text(path, path)}, str(path)
     try:
-        definition = yaml.safe_load(path.read_text(encoding="utf-8"))
+        definition = yaml.safe_load(_text(path, path))
+    except InvalidRobotDefinition:
+        raise
     # Besides YAMLError, PyYAML lets through whatever an ill-formed date, number or tag runs into.
     except Exception as error:
         raise InvalidRobotDefinition(str(path), f"not readable as YAML: {error}") from error
-    return robot_from_definition(definition, str(path))
+    if isinstance(definition, dict) and "urdf_file" in definition:
+        urdf_file = checked_name(definition.pop("urdf_file"), "urdf_file", str(path))
+        definition["urdf"] = _text(path.parent / urdf_file, path)
+    return definition, str(path)
+
+
+def _text(path: Path, definition: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise InvalidRobotDefinition(str(definition), f"there is no file {path}") from error
+    except (OSError, ValueError) as error:
+        raise InvalidRobotDefinition(str(definition), f"{path} can't be read: {error}") from error
 
 
 def robot_from_definition(definition: Mapping[str, Any], source: str) -> Robot:

@@ -233,7 +233,7 @@ class TestDefinition:
     @pytest.mark.parametrize(
         ("change", "problem"),
         [
-            ({"kind": "octopus"}, "known kinds: gantry"),
+            ({"kind": "octopus"}, "known kinds: arm, gantry"),
             ({"joints": None}, "malformed"),
             ({"joints": []}, "six joints"),
             ({"base_frame": ...}, "'base_frame' is missing"),

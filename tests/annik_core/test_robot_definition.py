@@ -28,7 +28,7 @@ def refused(definition: Any, problem: str) -> None:
 
 @pytest.mark.parametrize("kind", [[], {}, None, 1])
 def test_a_kind_that_is_not_text(gantry: Robot, kind: object) -> None:
-    refused({**gantry.definition, "kind": kind}, "known kinds: gantry")
+    refused({**gantry.definition, "kind": kind}, "known kinds: arm, gantry")
 
 
 @pytest.mark.parametrize("key", ["ratio", "offset"])

@@ -1,0 +1,289 @@
+"""Arms: any serial chain of a URDF, its kinematics by Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from annik_core.errors import InvalidRobotDefinition, MissingDependency
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+from annik_core.robot import (
+    ForwardKinematics,
+    PoseError,
+    PoseErrorFunction,
+    ResolvedTarget,
+    Robot,
+    check_joint_count,
+    checked_name,
+    checked_numbers,
+)
+from annik_core.urdf_chain import SerialChain, serial_chain
+
+_NO_REFERENCE: FloatArray = np.zeros(0)
+#: No serial arm has as many joints that move.
+MAX_JOINTS = 32
+
+
+def _pinocchio() -> Any:
+    """Pinocchio, which only arms need."""
+    try:
+        import pinocchio
+    except ImportError as error:
+        raise MissingDependency(
+            "pinocchio", "the kinematics of arms", "pip install pin"
+        ) from error
+    if not hasattr(pinocchio, "buildModelFromXML"):
+        # Another project has this name on PyPI.
+        raise MissingDependency(
+            "pinocchio",
+            "the kinematics of arms",
+            "pip uninstall pinocchio && pip install pin, for this one is no robotics library",
+        )
+    return pinocchio
+
+
+@dataclass(frozen=True, eq=False)
+class ArmKinematics(ForwardKinematics):
+    """Forward kinematics of a serial chain.
+
+    Not for several threads at once: Pinocchio computes in memory that belongs to this object.
+
+    Attributes:
+        joint_names: the joints, from the base on.
+        urdf: the chain as URDF text.
+        end_effector_frame: the link whose pose it is; the base frame is the root of the chain.
+    """
+
+    joint_names: tuple[str, ...]
+    urdf: str
+    end_effector_frame: str
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """End-effector poses ``(n, 7)``; see :class:`annik_core.robot.ForwardKinematics`."""
+        check_joint_count(joint_positions, self.joint_names)
+        pin, model, data, frame = self._pinocchio
+        poses = np.empty((len(joint_positions), 7))
+        for row, positions in enumerate(joint_positions):
+            pin.framesForwardKinematics(model, data, positions)
+            poses[row] = pin.SE3ToXYZQUAT(data.oMf[frame])
+        poses[poses[:, 6] < 0.0, 3:] *= -1.0
+        return poses
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """Geometric Jacobians ``(n, 6, dof)``; see :class:`annik_core.robot.ForwardKinematics`."""
+        check_joint_count(joint_positions, self.joint_names)
+        pin, model, data, frame = self._pinocchio
+        jacobians = np.empty((len(joint_positions), 6, len(self.joint_names)))
+        for row, positions in enumerate(joint_positions):
+            jacobians[row] = pin.computeFrameJacobian(
+                model, data, positions, frame, pin.LOCAL_WORLD_ALIGNED
+            )
+        return jacobians
+
+    def error_to(self, target: FloatArray) -> PoseErrorFunction:
+        """See :meth:`annik_core.robot.ForwardKinematics.error_to`."""
+        pin, model, data, frame = self._pinocchio
+        forward, jacobian, log6 = (
+            pin.framesForwardKinematics,
+            pin.computeFrameJacobian,
+            pin.log6,
+        )
+        local, placements = pin.LOCAL, data.oMf
+        goal = pin.XYZQUATToSE3(target)
+
+        def error(joint_positions: FloatArray) -> PoseError:
+            forward(model, data, joint_positions)
+            difference = placements[frame].actInv(goal)
+            x, y, z = difference.translation.tolist()
+            twist: FloatArray = log6(difference).vector
+            a, b, c = twist[3:].tolist()
+            return PoseError(twist, sqrt(x * x + y * y + z * z), sqrt(a * a + b * b + c * c))
+
+        def derivative(joint_positions: FloatArray) -> FloatArray:
+            columns: FloatArray = jacobian(model, data, joint_positions, frame, local)
+            return columns
+
+        return PoseErrorFunction(error, derivative)
+
+    @cached_property
+    def joint_origins(self) -> FloatArray:
+        """``(dof + 1, 3)``: origins of the joints and of the end effector at zero [m]."""
+        pin, model, data, frame = self._pinocchio
+        pin.framesForwardKinematics(model, data, np.zeros(len(self.joint_names)))
+        joints = [data.oMi[number].translation.copy() for number in range(1, model.njoints)]
+        return np.array([*joints, data.oMf[frame].translation.copy()])
+
+    @cached_property
+    def _pinocchio(self) -> tuple[Any, Any, Any, int]:
+        """The library, the model, its working memory, and the frame's number."""
+        pin = _pinocchio()
+        model = pin.buildModelFromXML(self.urdf)
+        return pin, model, model.createData(), model.getFrameId(self.end_effector_frame)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmWorkspace:
+    """What an arm can reach is known exactly only by solving; this refuses the clearly too far.
+
+    Attributes:
+        centre: ``(3,)`` origin of the first joint in the base frame [m].
+        reach: the end effector is never farther from it [m].
+    """
+
+    centre: FloatArray
+    reach: float
+
+    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
+        """See :meth:`annik_core.robot.Workspace.resolve`: every pose is taken as it is."""
+        x, y, z = pose[:3] - self.centre
+        distance = (x * x + y * y + z * z) ** 0.5
+        violation = None
+        if distance > self.reach:
+            violation = (
+                f"the target is {distance:.6g} m from the first joint, the arm reaches at most "
+                f"{self.reach:.6g} m"
+            )
+        return ResolvedTarget(pose, violation, _NO_REFERENCE)
+
+    def reference(self, joint_positions: FloatArray) -> FloatArray:
+        """Nothing: an arm's answer depends on the pose alone."""
+        return _NO_REFERENCE
+
+
+def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
+    """The arm that a definition describes.
+
+    Args:
+        definition: ``urdf``, the text; and, each of which may be left out, ``name``,
+            ``base_frame``, ``end_effector_frame`` (see :func:`annik_core.urdf_chain.serial_chain`)
+            and ``joint_box``: [lower, upper] of joints by name [rad or m]; the box of a joint that
+            it leaves out are its limits, or one turn for a continuous joint.
+        source: what to call the definition in an error.
+
+    Returns:
+        The robot. Its own definition holds the chain alone and everything that was left out.
+
+    Raises:
+        InvalidRobotDefinition: naming what is missing or wrong.
+        MissingDependency: if Pinocchio is not installed.
+    """
+    known = {"kind", "name", "urdf", "base_frame", "end_effector_frame", "joint_box"}
+    unknown = sorted(set(definition) - known)
+    if unknown:
+        raise InvalidRobotDefinition(
+            source,
+            f"{unknown[0]!r} is not an entry of an arm; those are {', '.join(sorted(known))}",
+        )
+    urdf = definition.get("urdf")
+    if not isinstance(urdf, str):
+        raise InvalidRobotDefinition(source, "'urdf' is missing: the text of a URDF")
+    frames = [
+        checked_name(definition[key], key, source) if definition.get(key) is not None else None
+        for key in ("base_frame", "end_effector_frame")
+    ]
+    chain = serial_chain(urdf, source, *frames)
+    if len(chain.joint_names) > MAX_JOINTS:
+        raise InvalidRobotDefinition(
+            source, f"the chain has {len(chain.joint_names)} joints, more than {MAX_JOINTS}"
+        )
+    limits = JointLimits.from_bounds(chain.joint_names, chain.lower, chain.upper)
+    box = _joint_box(definition.get("joint_box"), chain, limits, source)
+    name = checked_name(definition.get("name", chain.name), "name", source)
+    kinematics = ArmKinematics(chain.joint_names, chain.urdf, chain.end_effector_frame)
+    try:
+        workspace = _workspace(kinematics, chain)
+    except ValueError as error:
+        raise InvalidRobotDefinition(source, f"Pinocchio can't read the chain: {error}") from error
+    return Robot(
+        name=name,
+        kind="arm",
+        joint_names=chain.joint_names,
+        joint_types=chain.joint_types,
+        joint_limits=limits,
+        joint_box=box,
+        base_frame=chain.base_frame,
+        end_effector_frame=chain.end_effector_frame,
+        forward_kinematics=kinematics,
+        workspace=workspace,
+        definition={
+            "kind": "arm",
+            "name": name,
+            "urdf": chain.urdf,
+            "base_frame": chain.base_frame,
+            "end_effector_frame": chain.end_effector_frame,
+            "joint_box": {
+                joint: [float(lower), float(upper)]
+                for joint, lower, upper in zip(
+                    chain.joint_names, box.lower, box.upper, strict=True
+                )
+            },
+        },
+    )
+
+
+def _joint_box(
+    entries: object, chain: SerialChain, limits: JointLimits, source: str
+) -> JointLimits:
+    """The working joint box: what is given, and the limits for the rest."""
+    if entries is None:
+        entries = {}
+    if not isinstance(entries, Mapping):
+        raise InvalidRobotDefinition(
+            source, "'joint_box' is not a mapping of joint names to [lower, upper]"
+        )
+    joints = ", ".join(chain.joint_names)
+    for joint in entries:
+        if joint not in chain.joint_names:
+            raise InvalidRobotDefinition(
+                source, f"'joint_box' names {joint!r}, which is no joint of the chain: {joints}"
+            )
+    lower, upper = limits.lower.copy(), limits.upper.copy()
+    for index, joint in enumerate(chain.joint_names):
+        if chain.continuous[index]:
+            lower[index], upper[index] = -np.pi, np.pi
+        if joint in entries:
+            bounds = checked_numbers(entries[joint], f"joint_box of {joint}", source)
+            if bounds.shape != (2,) or not np.isfinite(bounds).all() or bounds[0] > bounds[1]:
+                raise InvalidRobotDefinition(
+                    source, f"joint_box of {joint} is {entries[joint]}, not [lower, upper]"
+                )
+            lower[index], upper[index] = bounds
+        if lower[index] < limits.lower[index] or upper[index] > limits.upper[index]:
+            raise InvalidRobotDefinition(
+                source,
+                f"joint_box of {joint} is [{lower[index]:.6g}, {upper[index]:.6g}], not inside "
+                f"its limits [{limits.lower[index]:.6g}, {limits.upper[index]:.6g}]",
+            )
+        if chain.joint_types[index] == "revolute" and upper[index] - lower[index] > _FULL_TURN:
+            # A pose does not tell an angle from the same after a full turn.
+            middle = 0.5 * (lower[index] + upper[index])
+            if joint in entries:
+                raise InvalidRobotDefinition(
+                    source, f"joint_box of {joint} is wider than a full turn: no single solution"
+                )
+            lower[index], upper[index] = middle - np.pi, middle + np.pi
+    box = JointLimits.from_bounds(chain.joint_names, lower, upper)
+    if not (box.upper > box.lower).any():
+        raise InvalidRobotDefinition(source, "'joint_box' locks every joint: nothing moves")
+    return box
+
+
+_FULL_TURN = 2.0 * np.pi + 1e-9
+
+
+def _workspace(kinematics: ArmKinematics, chain: SerialChain) -> ArmWorkspace:
+    origins = kinematics.joint_origins
+    strokes = [
+        max(abs(lower), abs(upper))
+        for kind, lower, upper in zip(chain.joint_types, chain.lower, chain.upper, strict=True)
+        if kind == "prismatic"
+    ]
+    # The distances between successive origins are fixed, but for the strokes of prismatic joints.
+    reach = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum()) + sum(strokes)
+    return ArmWorkspace(origins[0], reach * (1.0 + 1e-9) + 1e-9)

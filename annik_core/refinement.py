@@ -1,0 +1,252 @@
+"""Polish a network's answer on the forward kinematics, in a bounded number of steps.
+
+Each step solves min |J dq - e|^2 + (c |e|^2 + b) |dq|^2 for the twist e that is missing, in metres
+and radians [Sugihara2011]_: far from the target it is damped and so never wild, near it is Newton's
+and converges quadratically. The working joint box holds throughout: where a step would take joints out, they stop at their
+bounds, and the others are solved for again with what is then left of e. No step is random, and no
+step is taken back, so the same start and target give the same answer in the same time.
+
+If a search stops short of the target, it began on the wrong side of a singularity. It begins anew
+beyond it, see :mod:`annik_core.fold_reflection`: first from where it began, then from where it
+ended. All steps count, and each reflection counts as one.
+
+References:
+    [Sugihara2011] T. Sugihara: Solvability-unconcerned inverse kinematics by the
+    Levenberg-Marquardt method. IEEE Transactions on Robotics 27(5), 2011.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk
+from scipy.linalg.lapack import dposv
+
+from annik_core.errors import AnnikError
+from annik_core.fold_reflection import reflected_across_fold
+from annik_core.joint_limits import JointLimits
+from annik_core.pose import FloatArray
+from annik_core.robot import ForwardKinematics, PoseErrorFunction
+
+#: c, the damping for an error of 1 m or 1 rad.
+_DAMPING = 0.03
+#: b, which keeps the system solvable at a singularity.
+_LEAST_DAMPING = 1e-12
+#: Identity matrices by size.
+_IDENTITY = [np.eye(size, order="F") for size in range(33)]
+#: Steps before a search may count as stuck; the first ones may lead around a bend.
+_PATIENCE = 3
+#: Stuck: a step leaves more than this part of the squared error.
+_STUCK = 0.5
+
+
+class InvalidRefinementOption(AnnikError):
+    """An option of the refinement is out of range."""
+
+    def __init__(self, option: str, value: float, allowed: str) -> None:
+        self.option = option
+        self.value = value
+        super().__init__(f"{option} is {value}; allowed: {allowed}")
+
+
+@dataclass(frozen=True)
+class RefinementOptions:
+    """How far to polish.
+
+    Attributes:
+        max_newton_steps: most steps for one target, which bounds the time.
+        tolerance: done when the distance [m] and the angle [rad] to the target are at most this.
+
+    Raises:
+        InvalidRefinementOption: naming the option and what is allowed.
+    """
+
+    max_newton_steps: int = 10
+    tolerance: float = 5e-7
+
+    def __post_init__(self) -> None:
+        """Refuse options that make no sense."""
+        if not 0 <= self.max_newton_steps <= 1000:
+            raise InvalidRefinementOption(
+                "max_newton_steps", self.max_newton_steps, "0 to 1000 steps"
+            )
+        if not 1e-12 <= self.tolerance <= 1.0:
+            raise InvalidRefinementOption("tolerance", self.tolerance, "1e-12 to 1 m and rad")
+
+
+class Refined(NamedTuple):
+    """Where a refinement ended.
+
+    Attributes:
+        joint_positions: ``(dof,)`` [rad or m], inside the box.
+        position_residual: distance to the target at exactly these [m].
+        orientation_residual: angle to the target's orientation [rad].
+        newton_steps: steps taken, all searches together.
+        converged: whether both residuals are within the tolerance.
+    """
+
+    joint_positions: FloatArray
+    position_residual: float
+    orientation_residual: float
+    newton_steps: int
+    converged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """Polishes joint positions for one robot.
+
+    Attributes:
+        kinematics: the robot's forward kinematics.
+        box: the working joint box; locked joints have equal bounds.
+        options: how far to polish.
+    """
+
+    kinematics: ForwardKinematics
+    box: JointLimits
+    options: RefinementOptions = RefinementOptions()
+
+    def refined(self, start: FloatArray, target: FloatArray) -> Refined:
+        """The solution for a target ``(7,)`` that a search from ``start`` ``(dof,)`` finds.
+
+        Args:
+            start: finite joint positions, usually the network's answer; moved into the box first.
+            target: a checked pose.
+        """
+        function = self.kinematics.error_to(target)
+        most = self.options.max_newton_steps
+        begin = self._projected(start)
+        first = result = self._search(function, begin, most)
+        for base in (begin, first.joint_positions):
+            if result.converged or result.newton_steps >= most:
+                break
+            beyond = self._projected(reflected_across_fold(function.jacobian, base, self._free))
+            used = result.newton_steps + 1
+            again = self._search(function, beyond, most - used)
+            # What did not converge either way is reported as it was, without the detour.
+            result = (again if again.converged else first)._replace(
+                newton_steps=used + again.newton_steps
+            )
+        return result
+
+    def _search(self, function: PoseErrorFunction, start: FloatArray, most: int) -> Refined:
+        positions, last, steps = start, math.inf, 0
+        tolerance = self.options.tolerance
+        while True:
+            twist, position, orientation = function.error(positions)
+            converged = position <= tolerance and orientation <= tolerance
+            if converged or steps >= most:
+                break
+            squared = float(twist.dot(twist))
+            # Not '<=': NaN ends it too.
+            if steps >= _PATIENCE and not squared <= _STUCK * last:
+                break
+            step = self._step(function.jacobian(positions), twist, squared, positions)
+            if step is None:
+                break
+            positions, last = step, squared
+            steps += 1
+        return Refined(positions, position, orientation, steps, converged)
+
+    def _step(
+        self, jacobian: FloatArray, twist: FloatArray, squared: float, positions: FloatArray
+    ) -> FloatArray | None:
+        """Joint positions one step on, inside the box; None if there is no such step."""
+        damping = _DAMPING * squared + _LEAST_DAMPING
+        moving = self._free
+        some_locked = len(moving) < len(positions)
+        if some_locked:
+            jacobian = jacobian[:, moving]
+        motion = _damped_least_squares(jacobian, twist, damping)
+        if motion is None:
+            return None
+        if some_locked:
+            candidate = positions.copy()
+            candidate[moving] += motion
+        else:
+            candidate = positions + motion
+        if self._inside(candidate):
+            return candidate
+        return self._bounded_step(jacobian, twist, damping, positions, candidate)
+
+    def _bounded_step(
+        self,
+        jacobian: FloatArray,
+        twist: FloatArray,
+        damping: float,
+        positions: FloatArray,
+        candidate: FloatArray,
+    ) -> FloatArray | None:
+        """The step with the joints that would leave the box stopped at their bounds.
+
+        Args:
+            jacobian: ``(6, free)``.
+            twist: ``(6,)`` what is missing.
+            damping: of the least squares.
+            positions: ``(dof,)`` where the step begins.
+            candidate: ``(dof,)`` where it would end without the box; is changed.
+        """
+        lower, upper = self.box.lower, self.box.upper
+        moving, columns = self._free, np.arange(len(self._free))
+        for _ in range(len(self._free)):
+            outside = (candidate[moving] < lower[moving]) | (candidate[moving] > upper[moving])
+            if not outside.any():
+                break
+            stopped = moving[outside]
+            candidate[stopped] = np.clip(candidate[stopped], lower[stopped], upper[stopped])
+            travelled = candidate[stopped] - positions[stopped]
+            twist = twist - jacobian[:, columns[outside]] @ travelled
+            moving, columns = moving[~outside], columns[~outside]
+            if len(moving) == 0:
+                break
+            motion = _damped_least_squares(jacobian[:, columns], twist, damping)
+            if motion is None:
+                return None
+            candidate[moving] = positions[moving] + motion
+        return candidate
+
+    def _projected(self, joint_positions: FloatArray) -> FloatArray:
+        projected: FloatArray = np.minimum(
+            np.maximum(joint_positions, self.box.lower), self.box.upper
+        )
+        return projected
+
+    def _inside(self, joint_positions: FloatArray) -> bool:
+        # A loop over Python numbers takes a fraction of the time of NumPy's comparisons.
+        return all(
+            low <= value <= high
+            for low, value, high in zip(
+                self._lower, joint_positions.tolist(), self._upper, strict=True
+            )
+        )
+
+    @cached_property
+    def _free(self) -> NDArray[np.int64]:
+        """Indices of the joints that the box does not lock."""
+        return np.flatnonzero(self.box.upper > self.box.lower)
+
+    @cached_property
+    def _lower(self) -> list[float]:
+        bounds: list[float] = self.box.lower.tolist()
+        return bounds
+
+    @cached_property
+    def _upper(self) -> list[float]:
+        bounds: list[float] = self.box.upper.tolist()
+        return bounds
+
+
+def _damped_least_squares(
+    jacobian: FloatArray, twist: FloatArray, damping: float
+) -> FloatArray | None:
+    """The motion of least |J dq - e|^2 + damping |dq|^2; None if it can't be computed."""
+    transposed = jacobian.T
+    # Of several ways to write this, all equal, the quickest for matrices as small as these.
+    normal = dsyrk(1.0, transposed, damping, _IDENTITY[len(transposed)])
+    _, motion, fault = dposv(normal, transposed.dot(twist), overwrite_a=1, overwrite_b=1)
+    return None if fault else motion
