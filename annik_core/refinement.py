@@ -1,10 +1,11 @@
 """Polish a network's answer on the forward kinematics, in a bounded number of steps.
 
-Each step solves min |J dq - e|^2 + (c |e|^2 + b) |dq|^2 for the twist e that is missing, in metres
-and radians [Sugihara2011]_: far from the target it is damped and so never wild, near it is Newton's
-and converges quadratically. The working joint box holds throughout: where a step would take joints out, they stop at their
-bounds, and the others are solved for again with what is then left of e. No step is random, and no
-step is taken back, so the same start and target give the same answer in the same time.
+Each step solves min |J dq - e|^2 + (c |e|^2 + b) |dq|^2 for the twist e that is missing, in
+metres and radians [Sugihara2011]_: far from the target it is damped and so never wild, near it is
+Newton's and converges quadratically. The working joint box holds throughout: where a step would
+take joints out, they stop at their bounds, and the others are solved for again with what is then
+left of e. No step is random, and no step is taken back, so the same start and target give the same
+answer in the same time.
 
 If a search stops short of the target, it began on the wrong side of a singularity. It begins anew
 beyond it, see :mod:`annik_core.fold_reflection`: first from where it began, then from where it
