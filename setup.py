@@ -7,12 +7,13 @@ from setuptools import find_packages, setup
 
 PACKAGE = "annik_ros"
 IMPORT_PACKAGES = ("annik_core", "annik_training", "annik_ros", "msg_tools")
-SHARED_FILES = {
-    "launch": "*.launch.py",
-    "config": "*.yaml",
-    "robots": "*.yaml",
-    "models": "*.onnx",
-}
+SHARED_FILES = (
+    ("launch", "*.launch.py"),
+    ("config", "*.yaml"),
+    ("robots", "*.yaml"),
+    ("robots", "*.urdf"),
+    ("models", "*.onnx"),
+)
 
 ROOT = Path(__file__).resolve().parent
 
@@ -32,7 +33,7 @@ def data_files() -> list[tuple[str, list[str]]]:
             f"share/{PACKAGE}/{folder}",
             sorted(str(path.relative_to(ROOT)) for path in (ROOT / folder).glob(pattern)),
         )
-        for folder, pattern in SHARED_FILES.items()
+        for folder, pattern in SHARED_FILES
     ]
     return [
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -77,6 +78,17 @@ setup(
         "scipy>=1.11",
     ],
     extras_require={
+        # The kinematics of arms. With ROS 2 sourced, rosdep's pinocchio is the better choice.
+        "arms": ["pin>=3.0"],
+        # The solvers that ``annik bench ik`` compares with; KDL comes from the system's packages.
+        "peers": [
+            "EAIK>=1.2",
+            "ik-geo>=1.0",
+            "ikpy>=4.0",
+            "optik-py>=0.5",
+            "pytracik>=0.0.3",
+            "roboticstoolbox-python>=1.1",
+        ],
         "training": ["joblib>=1.4", "onnxscript>=0.2", "sympy>=1.12", "torch>=2.4"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
+from math import dist, sqrt
 from typing import Any
 
 import numpy as np
@@ -124,7 +124,9 @@ class ArmKinematics(ForwardKinematics):
         """The library, the model, its working memory, and the frame's number."""
         pin = _pinocchio()
         model = pin.buildModelFromXML(self.urdf)
-        return pin, model, model.createData(), model.getFrameId(self.end_effector_frame)
+        # Joints are frames too, and one may have the name of a link.
+        frame = model.getFrameId(self.end_effector_frame, pin.FrameType.BODY)
+        return pin, model, model.createData(), frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +143,7 @@ class ArmWorkspace:
 
     def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`: every pose is taken as it is."""
-        x, y, z = pose[:3] - self.centre
-        distance = (x * x + y * y + z * z) ** 0.5
+        distance = dist(pose[:3], self.centre)
         violation = None
         if distance > self.reach:
             violation = (

@@ -32,6 +32,10 @@ class SolverMode(Enum):
     NETWORK = "network"
     REFINED = "refined"
 
+    def refines(self, robot: Robot) -> bool:
+        """Whether answers for this robot are polished."""
+        return robot.kind == "arm" if self is SolverMode.AUTO else self is SolverMode.REFINED
+
 
 @dataclass(frozen=True, eq=False)
 class IkSolver:
@@ -73,9 +77,7 @@ class IkSolver:
     @cached_property
     def refines(self) -> bool:
         """Whether the network's answers are polished."""
-        if self.mode is SolverMode.AUTO:
-            return self.robot.kind == "arm"
-        return self.mode is SolverMode.REFINED
+        return self.mode.refines(self.robot)
 
     def solve(self, pose: ArrayLike, previous: IkResult | FloatArray | None = None) -> IkResult:
         """Joint positions that reach one pose.

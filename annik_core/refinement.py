@@ -8,8 +8,9 @@ left of e. No step is random, and no step is taken back, so the same start and t
 answer in the same time.
 
 If a search stops short of the target, it began on the wrong side of a singularity. It begins anew
-beyond it, see :mod:`annik_core.fold_reflection`: first from where it began, then from where it
-ended. All steps count, and each reflection counts as one.
+beyond it, see :mod:`annik_core.fold_reflection`: across the fold from where it began and from
+where it ended, the start that is nearer to the target first. The steps of all searches count
+together.
 
 References:
     [Sugihara2011] T. Sugihara: Solvability-unconcerned inverse kinematics by the
@@ -120,20 +121,29 @@ class Refinement:
             target: a checked pose.
         """
         function = self.kinematics.error_to(target)
-        most = self.options.max_newton_steps
         begin = self._projected(start)
-        first = result = self._search(function, begin, most)
-        for base in (begin, first.joint_positions):
-            if result.converged or result.newton_steps >= most:
-                break
-            beyond = self._projected(reflected_across_fold(function.jacobian, base, self._free))
-            used = result.newton_steps + 1
-            again = self._search(function, beyond, most - used)
-            # What did not converge either way is reported as it was, without the detour.
-            result = (again if again.converged else first)._replace(
-                newton_steps=used + again.newton_steps
-            )
-        return result
+        result = self._search(function, begin, self.options.max_newton_steps)
+        if result.converged or result.newton_steps == self.options.max_newton_steps:
+            return result
+        return self._beyond_the_fold(function, begin, result)
+
+    def _beyond_the_fold(
+        self, function: PoseErrorFunction, begin: FloatArray, first: Refined
+    ) -> Refined:
+        """Search anew on the other side of the nearest folds, with the steps that are left."""
+        starts = [
+            self._projected(reflected_across_fold(function.jacobian, positions, self._free))
+            for positions in (begin, first.joint_positions)
+        ]
+        starts.sort(key=lambda start: float(np.linalg.norm(function.error(start).twist)))
+        steps = first.newton_steps
+        for start in starts:
+            result = self._search(function, start, self.options.max_newton_steps - steps)
+            steps += result.newton_steps
+            if result.converged:
+                return result._replace(newton_steps=steps)
+        # What did not converge is reported as it was, without the detours.
+        return first._replace(newton_steps=steps)
 
     def _search(self, function: PoseErrorFunction, start: FloatArray, most: int) -> Refined:
         positions, last, steps = start, math.inf, 0

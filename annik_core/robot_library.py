@@ -14,6 +14,7 @@ from annik_core.errors import InvalidRobotDefinition, UnknownRobot
 from annik_core.gantry import gantry_from_definition
 from annik_core.robot import Robot, checked_name
 from annik_core.share_directory import share_directory
+from annik_core.urdf_chain import BYTE_ORDER_MARK
 
 _KINDS = {"arm": arm_from_definition, "gantry": gantry_from_definition}
 #: A definition is a few levels deep; one of many more, or that holds itself, is none.
@@ -68,12 +69,12 @@ def load_robot(
 
 def _definition(source: str | Path) -> tuple[Any, str]:
     """What describes the robot, as read, and what to call it in an error."""
-    if isinstance(source, str) and source.lstrip().startswith("<"):
+    if isinstance(source, str) and source.removeprefix(BYTE_ORDER_MARK).lstrip().startswith("<"):
         return {"kind": "arm", "urdf": source}, "robot_description"
     path = Path(source)
     if path.suffix not in (".yaml", ".yml", ".urdf", ".xml"):
         path = share_directory() / "robots" / f"{source}.yaml"
-    if not path.is_file():
+    if not _is_file(path):
         raise UnknownRobot(str(source), packaged_robots())
     if path.suffix in (".urdf", ".xml"):
         return {"kind": "arm", "urdf": _text(path, path)}, str(path)
@@ -88,6 +89,13 @@ def _definition(source: str | Path) -> tuple[Any, str]:
         urdf_file = checked_name(definition.pop("urdf_file"), "urdf_file", str(path))
         definition["urdf"] = _text(path.parent / urdf_file, path)
     return definition, str(path)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # such as a name that is too long for one
+        return False
 
 
 def _text(path: Path, definition: Path) -> str:

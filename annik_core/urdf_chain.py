@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from annik_core.errors import InvalidRobotDefinition
+from annik_core.robot import checked_name
 
 #: Joint types of a URDF that move, and what they are to a robot.
 MOVING_TYPES = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
@@ -20,6 +21,10 @@ MOVING_TYPES = {"revolute": "revolute", "continuous": "revolute", "prismatic": "
 CONTINUOUS_LIMIT = 2.0 * math.pi
 #: A description is some 100 kB with all its links; one of many times that is a mesh by mistake.
 MAX_LENGTH = 16 * 1024 * 1024
+#: How a text may begin that was a file of Windows.
+BYTE_ORDER_MARK = "\ufeff"
+#: An axis is a direction, of any length whose square is a number and not zero.
+_AXIS_LENGTHS = (1e-100, 1e100)
 
 
 @dataclass(frozen=True)
@@ -69,10 +74,13 @@ def serial_chain(
     _check_unique([joint.name for joint in joints], "joint", source)
     links = [_attribute(link, "name", "a link", source) for link in root.findall("link")]
     _check_unique(links, "link", source)
+    if not links:
+        raise InvalidRobotDefinition(source, "it has no links: not the URDF of an arm")
+    known = frozenset(links)
     by_child: dict[str, _Joint] = {}
     for joint in joints:
         for link in (joint.parent, joint.child):
-            if link not in links:
+            if link not in known:
                 raise InvalidRobotDefinition(
                     source, f"joint {joint.name!r} names link {link!r}, which the URDF lacks"
                 )
@@ -83,13 +91,14 @@ def serial_chain(
                 f"{joint.name!r}: a URDF is a tree",
             )
         by_child[joint.child] = joint
-    base = base_frame or _only_root(links, by_child, source)
-    tip = end_effector_frame or _only_tip(links, joints, base, by_child, source)
-    for what, frame in (("base_frame", base), ("end_effector_frame", tip)):
-        if frame not in links:
+    _check_no_ring(by_child, source)
+    for what, frame in (("base_frame", base_frame), ("end_effector_frame", end_effector_frame)):
+        if frame is not None and frame not in known:
             raise InvalidRobotDefinition(
                 source, f"{what} {frame!r} is not a link of the URDF; its links: {_listed(links)}"
             )
+    base = base_frame or _only_root(links, by_child, source)
+    tip = end_effector_frame or _only_tip(links, joints, base, by_child, source)
     chain = _path(base, tip, by_child, source)
     moving = [joint for joint in chain if joint.kind != "fixed"]
     for joint in moving:
@@ -130,19 +139,21 @@ class _Joint:
     def read(cls, element: ElementTree.Element, source: str) -> _Joint:
         name = _attribute(element, "name", "a joint", source)
         what = f"joint {name!r}"
+        kind = _attribute(element, "type", what, source)
         origin, axis, limit, mimic = (
             element.find(tag) for tag in ("origin", "axis", "limit", "mimic")
         )
         return cls(
             name=name,
-            kind=_attribute(element, "type", what, source),
+            kind=kind,
             parent=_linked(element, "parent", what, source),
             child=_linked(element, "child", what, source),
             xyz=_vector(origin, "xyz", (0.0, 0.0, 0.0), what, source),
             rpy=_vector(origin, "rpy", (0.0, 0.0, 0.0), what, source),
             axis=_vector(axis, "xyz", (1.0, 0.0, 0.0), what, source),
-            lower=_number(limit, "lower", what, source),
-            upper=_number(limit, "upper", what, source),
+            # Those of a continuous joint mean nothing, and are written as -inf and inf by some.
+            lower=None if kind == "continuous" else _number(limit, "lower", what, source),
+            upper=None if kind == "continuous" else _number(limit, "upper", what, source),
             mimicked=None if mimic is None else mimic.get("joint", "?"),
         )
 
@@ -169,8 +180,8 @@ class _Joint:
                 f"{what} mimics joint {self.mimicked!r}: coupled joints are not supported; choose "
                 "an end_effector_frame before it, or make it fixed in a copy of the URDF",
             )
-        length = math.hypot(*self.axis)
-        if not 0.0 < length < math.inf:
+        shortest, longest = _AXIS_LENGTHS
+        if not shortest < math.hypot(*self.axis) < longest:
             raise InvalidRobotDefinition(
                 source, f"{what} has the axis {self.axis}: not a direction"
             )
@@ -196,16 +207,20 @@ def _parsed(urdf: str, source: str) -> ElementTree.Element:
     if "<!ENTITY" in urdf:
         raise InvalidRobotDefinition(source, "the XML declares entities, which no URDF needs")
     try:
-        root = ElementTree.fromstring(urdf.strip())
+        root = ElementTree.fromstring(urdf.removeprefix(BYTE_ORDER_MARK).strip())
     except (ElementTree.ParseError, ValueError) as error:
         raise InvalidRobotDefinition(source, f"not XML: {error}") from error
+    if any("xacro" in element.tag for element in root.iter()):
+        raise InvalidRobotDefinition(
+            source, "it is xacro, which has to be expanded: xacro FILE > robot.urdf"
+        )
+    # A default namespace, such as Drake's, is part of every tag.
+    namespace = root.tag[: root.tag.rfind("}") + 1]
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(namespace)
     if root.tag != "robot":
         raise InvalidRobotDefinition(
             source, f"not a URDF: its outermost element is <{root.tag}>, not <robot>"
-        )
-    if any("xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
-        raise InvalidRobotDefinition(
-            source, "it is xacro, which has to be expanded: xacro FILE > robot.urdf"
         )
     return root
 
@@ -214,7 +229,7 @@ def _attribute(element: ElementTree.Element, key: str, what: str, source: str) -
     value = element.get(key)
     if value is None or not value.strip():
         raise InvalidRobotDefinition(source, f"{what} has no {key}")
-    return value
+    return checked_name(value, f"the {key} of {what}", source)
 
 
 def _linked(element: ElementTree.Element, tag: str, what: str, source: str) -> str:
@@ -264,14 +279,30 @@ def _check_unique(names: Sequence[str], what: str, source: str) -> None:
         seen.add(name)
 
 
+def _check_no_ring(by_child: dict[str, _Joint], source: str) -> None:
+    """Refuse joints by which a link would hang on itself."""
+    rooted: set[str] = set()
+    for link in by_child:
+        above: list[str] = []
+        passed: set[str] = set()
+        while link in by_child and link not in rooted:
+            if link in passed:
+                ring = above[above.index(link) :]
+                raise InvalidRobotDefinition(
+                    source, f"its joints form a ring through {_listed(ring)}: a URDF is a tree"
+                )
+            above.append(link)
+            passed.add(link)
+            link = by_child[link].parent
+        rooted |= passed
+
+
 def _only_root(links: Sequence[str], by_child: dict[str, _Joint], source: str) -> str:
     roots = [link for link in links if link not in by_child]
     if len(roots) != 1:
         raise InvalidRobotDefinition(
             source,
-            f"the base frame is not clear: give base_frame, a link such as {_listed(roots)}"
-            if roots
-            else "it has no root link: its joints form a ring",
+            f"the base frame is not clear: give base_frame, a link such as {_listed(roots)}",
         )
     return roots[0]
 
@@ -297,9 +328,9 @@ def _only_tip(
 
 
 def _ancestors(link: str, by_child: dict[str, _Joint]) -> list[str]:
-    """The links above one, the nearest first; one that is its own ancestor ends the list."""
+    """The links above one, the nearest first."""
     above: list[str] = []
-    while link in by_child and by_child[link].parent not in above:
+    while link in by_child:
         link = by_child[link].parent
         above.append(link)
     return above

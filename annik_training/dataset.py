@@ -10,11 +10,12 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import DatasetError, UnreadableDataset
@@ -61,6 +62,10 @@ class Dataset:
     def __len__(self) -> int:
         """Number of examples."""
         return len(self.joint_positions)
+
+    def rows(self, keep: NDArray[np.bool_]) -> Dataset:
+        """Those of the examples where ``keep`` ``(n,)`` is true."""
+        return replace(self, joint_positions=self.joint_positions[keep], poses=self.poses[keep])
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from annik_core.ik_solver import SolverMode
 from annik_core.pose import FloatArray, pose_distance
+from annik_core.refinement import Refined, RefinementOptions
 from annik_training.dataset import Dataset
+from annik_training.refined_evaluation import RefinedEvaluation, evaluate_refined, refine_all
 
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 
@@ -43,6 +46,7 @@ class Evaluation:
         position_error: [m].
         orientation_error: [rad].
         outside_joint_limits: fraction of answers that a solver would refuse.
+        refined: what refinement makes of the answers; None for a robot whose node does not refine.
     """
 
     examples: int
@@ -50,37 +54,77 @@ class Evaluation:
     position_error: ErrorSummary
     orientation_error: ErrorSummary
     outside_joint_limits: float
+    refined: RefinedEvaluation | None = None
 
     def as_plain_data(self) -> dict[str, Any]:
         """For a model's metadata; the units are in the names."""
-        return {
+        data = {
             "examples": self.examples,
             "seed": self.seed,
             "position_error_m": vars(self.position_error),
             "orientation_error_rad": vars(self.orientation_error),
             "outside_joint_limits": self.outside_joint_limits,
         }
+        return data if self.refined is None else {**data, "refined": self.refined.as_plain_data()}
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What a network answers to poses that it has not seen, one row per pose.
+
+    Attributes:
+        dataset: the poses.
+        answers: ``(n, dof)`` [rad or m].
+        distances: ``(n,)`` from where the answers lead to the poses [m].
+        angles: ``(n,)`` [rad].
+        refined: the answers polished; None for a robot whose node does not refine.
+    """
+
+    dataset: Dataset
+    answers: FloatArray
+    distances: FloatArray
+    angles: FloatArray
+    refined: list[Refined] | None
 
 
 def evaluate(joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset) -> Evaluation:
-    """Evaluate a function from poses ``(n, 7)`` to joint positions ``(n, dof)``.
+    """Measure and sum up; see :func:`measure` and :func:`summarise`."""
+    return summarise(measure(joint_positions, dataset))
+
+
+def measure(joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset) -> Measured:
+    """Ask a function from poses ``(n, 7)`` to joint positions ``(n, dof)``.
 
     Args:
         joint_positions: the network, as trained or as exported.
         dataset: poses, usually random ones; each is resolved as the solver does without a
-            previous command. The joint positions that it holds are not looked at.
+            previous command.
     """
     robot = dataset.robot
     poses = np.array([robot.workspace.resolve(pose, None).pose for pose in dataset.poses])
     answer = joint_positions(poses)
     achieved = robot.forward_kinematics.poses(answer)
     distances, angles = pose_distance(dataset.poses, achieved)
-    limits = robot.joint_limits
-    outside = ~((answer >= limits.lower) & (answer <= limits.upper)).all(axis=1)
+    refined = (
+        refine_all(answer, dataset, RefinementOptions())
+        if SolverMode.AUTO.refines(robot)
+        else None
+    )
+    return Measured(dataset, answer, distances, angles, refined)
+
+
+def summarise(measured: Measured) -> Evaluation:
+    """The errors in percentiles."""
+    dataset, answers = measured.dataset, measured.answers
+    limits = dataset.robot.joint_limits
+    outside = ~((answers >= limits.lower) & (answers <= limits.upper)).all(axis=1)
     return Evaluation(
         examples=len(dataset),
         seed=dataset.seed,
-        position_error=ErrorSummary.of(distances),
-        orientation_error=ErrorSummary.of(angles),
+        position_error=ErrorSummary.of(measured.distances),
+        orientation_error=ErrorSummary.of(measured.angles),
         outside_joint_limits=float(outside.mean()),
+        refined=(
+            None if measured.refined is None else evaluate_refined(measured.refined, dataset)
+        ),
     )

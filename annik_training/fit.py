@@ -6,9 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from annik_training.branches import single_branch
 from annik_training.dataset import Dataset
 from annik_training.fitting.fit_network import Examples, Indices, Restart, examples_of, fit_starts
-from annik_training.fitting.fit_options import FitOptions
+from annik_training.fitting.fit_options import FitOptions, default_options
 from annik_training.fitting.network import InverseKinematicsNetwork
 from annik_training.systems.inverse_kinematics_system import InverseKinematicsSystem
 
@@ -24,6 +27,7 @@ class FittedNetwork:
         restarts: every start.
         winner: which one won.
         held_out: indices of the examples that only chose it.
+        second_solutions: how many examples were left out, see :mod:`annik_training.branches`.
         seconds: wall time of the fit.
     """
 
@@ -33,6 +37,7 @@ class FittedNetwork:
     restarts: tuple[Restart, ...]
     winner: int
     held_out: Indices
+    second_solutions: int
     seconds: float
 
 
@@ -48,23 +53,26 @@ def fit(
 
     Args:
         dataset: the examples.
-        options: how to fit.
+        options: how to fit; left out, as suits the kind of robot.
         on_restart: told of each start as it ends, for a progress bar.
 
     Raises:
         TooFewExamples: see :func:`annik_training.fitting.fit_network.fit_starts`.
     """
-    options = options or FitOptions()
+    options = options or default_options(dataset.robot.kind)
     begin = time.perf_counter()
     system = InverseKinematicsSystem(dataset.robot)
-    fitted = fit_starts(dataset_examples(system, dataset, options), options, on_restart)
+    learned = single_branch(dataset.robot, dataset.joint_positions, dataset.poses)
+    examples = dataset_examples(system, dataset.rows(learned), options)
+    fitted = fit_starts(examples, options, on_restart)
     return FittedNetwork(
         InverseKinematicsNetwork(system.encoding, fitted.network),
         dataset,
         options,
         fitted.restarts,
         fitted.winner,
-        fitted.held_out,
+        np.flatnonzero(learned)[fitted.held_out],
+        int((~learned).sum()),
         time.perf_counter() - begin,
     )
 

@@ -15,6 +15,7 @@ from annik_training.fitting.bayesian_regularisation import minimise_with_chosen_
 from annik_training.fitting.fit_options import FitOptions
 from annik_training.fitting.network import ScaledNetwork, Scaling
 from annik_training.fitting.one_thread import one_thread
+from annik_training.fitting.quasi_newton import minimise_all_weights
 from annik_training.fitting.separable_least_squares import (
     ScaledExamples,
     SeparableProblem,
@@ -201,11 +202,18 @@ def fit_start(
         start = torch.cat(
             [value.detach().reshape(-1) for value in network.hidden.parameters()]
         ).numpy()
-        find = minimise_with_chosen_decay if options.bayesian_regularisation else minimise
-        weights, evaluations = find(problem, start, options.max_evaluations)
-        problem.assign(weights)
-        _take_over(network, problem, weights)
-        training_error = problem.mean_square_error(weights)
+        if options.optimiser == "lbfgs":
+            _silence(network)
+            evaluations = minimise_all_weights(
+                network, scaled.rows(training), options.slope_weight, options.max_evaluations
+            )
+            training_error = _error(network, scaled.rows(training))
+        else:
+            find = minimise_with_chosen_decay if options.bayesian_regularisation else minimise
+            weights, evaluations = find(problem, start, options.max_evaluations)
+            problem.assign(weights)
+            _take_over(network, problem, weights)
+            training_error = problem.mean_square_error(weights)
         held_out_error = _error(network, scaled.rows(held_out)) if len(held_out) else None
     return network, Restart(number, training_error, held_out_error, evaluations, problem.ridge)
 
@@ -244,6 +252,14 @@ def scaled_examples(network: ScaledNetwork, examples: Examples) -> ScaledExample
 def _error(network: ScaledNetwork, examples: ScaledExamples) -> float:
     with torch.no_grad():
         return float(torch.mean((network.scaled(examples.inputs) - examples.targets) ** 2))
+
+
+def _silence(network: ScaledNetwork) -> None:
+    """Let it answer zero, the centre of the targets: a gentle start for all weights at once."""
+    with torch.no_grad():
+        for layer in (network.output, network.linear_path):
+            for parameter in () if layer is None else layer.parameters():
+                parameter.zero_()
 
 
 def _take_over(network: ScaledNetwork, problem: SeparableProblem, weights: FloatArray) -> None:

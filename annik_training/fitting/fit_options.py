@@ -7,6 +7,8 @@ from typing import Any
 
 from annik_core.errors import InvalidTrainingOption
 
+OPTIMISERS = ("levenberg_marquardt", "lbfgs")
+
 
 @dataclass(frozen=True)
 class FitOptions:
@@ -27,6 +29,10 @@ class FitOptions:
             that of y, both scaled. Needs the Jacobian of the forward kinematics; 0 is off.
         bayesian_regularisation: choose the weight decay by the evidence of the training examples,
             see :mod:`annik_training.fitting.bayesian_regularisation`.
+        optimiser: ``levenberg_marquardt``, see
+            :mod:`annik_training.fitting.separable_least_squares`, the more exact one, for small
+            networks; or ``lbfgs``, see :mod:`annik_training.fitting.quasi_newton`, for thousands
+            of weights.
         seed: everything random is drawn from it.
 
     Raises:
@@ -41,6 +47,7 @@ class FitOptions:
     linear_path: bool = False
     slope_weight: float = 0.0
     bayesian_regularisation: bool = False
+    optimiser: str = "levenberg_marquardt"
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -56,6 +63,12 @@ class FitOptions:
             ("max_evaluations", 1 <= self.max_evaluations <= 100_000, "1 to 100000"),
             ("ridge", 0 < self.ridge <= 1, "more than 0, at most 1"),
             ("slope_weight", 0 <= self.slope_weight <= 1e6, "0 to 1000000"),
+            ("optimiser", self.optimiser in OPTIMISERS, " or ".join(OPTIMISERS)),
+            (
+                "bayesian_regularisation",
+                not self.bayesian_regularisation or self.optimiser == "levenberg_marquardt",
+                "with the optimiser levenberg_marquardt only",
+            ),
             ("seed", 0 <= self.seed < 2**63, "0 to 2^63 - 1"),
         ):
             if not valid:
@@ -64,3 +77,21 @@ class FitOptions:
     def as_plain_data(self) -> dict[str, Any]:
         """The options for a model's metadata."""
         return {**asdict(self), "hidden_units": list(self.hidden_units)}
+
+
+#: How to fit an arm, unless told otherwise: it takes a larger network than the paper's robot, and
+#: by the slopes of its model few examples say much more.
+ARM_OPTIONS = FitOptions(
+    hidden_units=(96, 96),
+    restarts=1,
+    held_out_fraction=0.0,
+    max_evaluations=1000,
+    linear_path=True,
+    slope_weight=1.0,
+    optimiser="lbfgs",
+)
+
+
+def default_options(robot_kind: str) -> FitOptions:
+    """How to fit a kind of robot: the paper's way for the paper's robot."""
+    return ARM_OPTIONS if robot_kind == "arm" else FitOptions()

@@ -25,6 +25,30 @@ _QUATERNION_PARTS = torch.tensor(
     [[-1, 1, 0, 0], [0, 0, 1, -1], [1, 1, 0, 0], [0, 0, 1, 1]], dtype=torch.float64
 )
 _SUM_AND_DIFFERENCE = torch.tensor([[1, 1], [-1, 1]], dtype=torch.float64)
+# The ten products of x, y, z, w: xx, yy, zz, ww, xy, xz, xw, yz, yw, zw.
+_PAIRS = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+_FIRST_FACTOR, _SECOND_FACTOR = (
+    torch.tensor(
+        [[float(pair[side] == row) for pair in _PAIRS] for row in range(4)], dtype=torch.float64
+    )
+    for side in (0, 1)
+)
+# Rows: the products in this order; columns: the rotation matrix, column by column.
+_PRODUCTS_TO_COLUMNS = torch.tensor(
+    [
+        [1, 0, 0, 0, -1, 0, 0, 0, -1],
+        [-1, 0, 0, 0, 1, 0, 0, 0, -1],
+        [-1, 0, 0, 0, -1, 0, 0, 0, 1],
+        [1, 0, 0, 0, 1, 0, 0, 0, 1],
+        [0, 2, 0, 2, 0, 0, 0, 0, 0],
+        [0, 0, 2, 0, 0, 0, 2, 0, 0],
+        [0, 0, 0, 0, 0, 2, 0, -2, 0],
+        [0, 0, 0, 0, 0, 2, 0, 2, 0],
+        [0, 0, -2, 0, 0, 0, 2, 0, 0],
+        [0, 2, 0, -2, 0, 0, 0, 0, 0],
+    ],
+    dtype=torch.float64,
+)
 
 
 def arctangent2(sine: Tensor, cosine: Tensor) -> Tensor:
@@ -112,3 +136,22 @@ class PositionRollPitchYaw(PoseEncoding):
         roll_yaw = torch.cat([half_sum, half_difference], dim=1) @ _SUM_AND_DIFFERENCE
         roll_yaw = roll_yaw - _TWO_PI * torch.round(roll_yaw / _TWO_PI)
         return torch.cat([poses[:, :3], roll_yaw[:, :1], pitch, roll_yaw[:, 1:]], dim=1)
+
+
+class PositionRotationMatrix(PoseEncoding):
+    """x, y, z [m] and the three axes of the end effector, the columns of its rotation matrix.
+
+    The smoothest of the encodings: quadratic in the quaternion, without an edge anywhere, and the
+    same for a quaternion and its negative. All three columns, though two would do: so the centre
+    of a wrist, which lies back from the flange along one of them, is linear in the features.
+    """
+
+    name = "position_rotation_matrix"
+    features = 12
+
+    def forward(self, poses: Tensor) -> Tensor:
+        """Position and columns of the rotation matrix ``(n, 12)`` of poses ``(n, 7)``."""
+        quaternion = poses[:, 3:]
+        # All products of two components at once, and the matrix as sums of them.
+        products = (quaternion @ _FIRST_FACTOR) * (quaternion @ _SECOND_FACTOR)
+        return torch.cat([poses[:, :3], products @ _PRODUCTS_TO_COLUMNS], dim=1)

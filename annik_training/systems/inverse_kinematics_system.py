@@ -7,12 +7,17 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 
 from annik_core.gantry import GantryKinematics, GantryWorkspace
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
-from annik_training.fitting.pose_encoding import PoseEncoding, PositionRollPitchYaw
+from annik_training.fitting.pose_encoding import (
+    PoseEncoding,
+    PositionRollPitchYaw,
+    PositionRotationMatrix,
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,8 @@ class InverseKinematicsSystem:
     def encoding(self) -> PoseEncoding:
         """How poses become features."""
         workspace = self.robot.workspace
-        assert isinstance(workspace, GantryWorkspace)
+        if not isinstance(workspace, GantryWorkspace):
+            return PositionRotationMatrix()
         return PositionRollPitchYaw(0.5 * (workspace.lower[3:] + workspace.upper[3:]))
 
     def features(self, poses: FloatArray, joint_positions: FloatArray) -> FloatArray:
@@ -72,10 +78,26 @@ class InverseKinematicsSystem:
         return joint_positions
 
     def input_jacobians(self, joint_positions: FloatArray) -> FloatArray:
-        """Derivatives of the features: the gantry's are its task coordinates, eq. (1)-(2)."""
+        """Derivatives of the features.
+
+        The gantry's are its task coordinates, eq. (1)-(2); an arm's are the position, and the
+        columns of the rotation matrix, each of which turns with the angular velocity.
+        """
         kinematics = self.robot.forward_kinematics
-        assert isinstance(kinematics, GantryKinematics)
-        return np.tile(np.diag(kinematics.ratio), (len(joint_positions), 1, 1))
+        if isinstance(kinematics, GantryKinematics):
+            return np.tile(np.diag(kinematics.ratio), (len(joint_positions), 1, 1))
+        jacobians = kinematics.jacobians(joint_positions)
+        quaternions = kinematics.poses(joint_positions)[:, 3:]
+        # (n, 3, column): the axes of the end effector.
+        axes = Rotation.from_quat(quaternions).as_matrix()
+        # (n, dof, column, 3): angular velocity by each joint, across each axis.
+        turning = np.cross(
+            jacobians[:, 3:].transpose(0, 2, 1)[:, :, np.newaxis],
+            axes.transpose(0, 2, 1)[:, np.newaxis],
+        )
+        examples, dof = joint_positions.shape
+        columns = turning.reshape(examples, dof, 9).transpose(0, 2, 1)
+        return np.concatenate([jacobians[:, :3], columns], axis=1)
 
     def target_jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """The identity: network(encode(forward(q))) = q."""

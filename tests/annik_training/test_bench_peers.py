@@ -119,7 +119,7 @@ def test_what_a_package_lacks_is_named(tmp_path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(PeerUnavailable, match="needs something_it_needs"):
         imported("Half", "half_installed", "pip install half")
-    with pytest.raises(PeerUnavailable, match="can't be imported: .*no_such_function"):
+    with pytest.raises(PeerUnavailable, match=r"can't be imported: .*no_such_function"):
         imported("Damaged", "damaged", "pip install damaged")
 
 
