@@ -25,6 +25,7 @@ from annik_core.robot import (
 )
 from annik_core.urdf_chain import SerialChain, serial_chain
 
+_REMEDY = "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio"
 _NO_REFERENCE: FloatArray = np.zeros(0)
 #: No serial arm has as many joints that move.
 MAX_JOINTS = 32
@@ -35,15 +36,13 @@ def _pinocchio() -> Any:
     try:
         import pinocchio
     except ImportError as error:
-        raise MissingDependency(
-            "pinocchio", "the kinematics of arms", "pip install pin"
-        ) from error
+        raise MissingDependency("pinocchio", "the kinematics of arms", _REMEDY) from error
     if not hasattr(pinocchio, "buildModelFromXML"):
         # Another project has this name on PyPI.
         raise MissingDependency(
             "pinocchio",
             "the kinematics of arms",
-            "pip uninstall pinocchio && pip install pin, for this one is no robotics library",
+            f"{_REMEDY}; what is installed under this name is another project",
         )
     return pinocchio
 
