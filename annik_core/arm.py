@@ -163,7 +163,7 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
         definition: ``urdf``, the text; and, each of which may be left out, ``name``,
             ``base_frame``, ``end_effector_frame`` (see :func:`annik_core.urdf_chain.serial_chain`)
             and ``joint_box``: [lower, upper] of joints by name [rad or m]; the box of a joint that
-            it leaves out are its limits, or one turn for a continuous joint.
+            it leaves out are its limits, or, where they are wider, the full turn in their middle.
         source: what to call the definition in an error.
 
     Returns:

@@ -114,11 +114,23 @@ def default_model_path() -> Path:
     return share_directory() / "models" / "gantry.onnx"
 
 
+def packaged_models() -> tuple[str, ...]:
+    """Names of the models that come with annik."""
+    return tuple(sorted(path.stem for path in (share_directory() / "models").glob("*.onnx")))
+
+
+def model_path(name_or_path: str | Path) -> Path:
+    """The file of a packaged model, by its name, or the path itself if it is not such a name."""
+    if str(name_or_path) in packaged_models():
+        return share_directory() / "models" / f"{name_or_path}.onnx"
+    return Path(name_or_path)
+
+
 def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> ModelArtifact:
     """Read a model file and check all of it.
 
     Args:
-        path: the ``.onnx`` file.
+        path: the ``.onnx`` file, or the name of a packaged model.
         expected_robot: if given, the robot that the file must be for.
 
     Raises:
@@ -137,7 +149,7 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
         RobotMismatch: if the file is for another robot than expected.
         MissingDependency: if the robot is an arm and Pinocchio is not installed.
     """
-    file = Path(path)
+    file = model_path(path)
     content = _read(file)
     try:
         artifact = validated_artifact(content, file)

@@ -4,6 +4,8 @@ Where the Jacobian loses rank two solutions of one pose meet, as the two halves 
 meet at its fold. Between them lies the singularity, at which the least singular value sigma of the
 Jacobian is zero, and its right singular vector v is the direction that leads across. A search that
 began on the wrong side ends at the fold, or at a limit before it, and does not cross it by itself.
+Not every singularity is a fold: at a wrist's, two axes are in line, the direction v only turns
+their joints against each other, and there is nothing to cross.
 """
 
 from __future__ import annotations

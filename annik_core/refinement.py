@@ -36,7 +36,7 @@ from annik_core.pose import FloatArray
 from annik_core.robot import ForwardKinematics, PoseErrorFunction
 
 #: c, the damping for an error of 1 m or 1 rad.
-_DAMPING = 0.03
+_DAMPING = 0.01
 #: b, which keeps the system solvable at a singularity.
 _LEAST_DAMPING = 1e-12
 #: Identity matrices by size.

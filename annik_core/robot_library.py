@@ -61,10 +61,20 @@ def load_robot(
         if not isinstance(definition, Mapping) or definition.get("kind") != "arm":
             raise InvalidRobotDefinition(name, f"{next(iter(given))} can be given for an arm only")
         known_box = definition.get("joint_box")
-        if joint_box is not None and isinstance(known_box, Mapping):
-            given["joint_box"] = {**known_box, **joint_box}
+        if isinstance(known_box, Mapping):
+            if base_frame is not None or end_effector_frame is not None:
+                known_box = _box_of_chain(known_box, {**definition, **given}, name)
+            given["joint_box"] = {**known_box, **(joint_box or {})}
         definition = {**definition, **given}
     return robot_from_definition(definition, name)
+
+
+def _box_of_chain(
+    box: Mapping[str, Any], definition: Mapping[str, Any], source: str
+) -> dict[str, Any]:
+    """The part of a definition's joint box that is left between other frames than its own."""
+    whole = robot_from_definition({**definition, "joint_box": None}, source)
+    return {joint: bounds for joint, bounds in box.items() if joint in whole.joint_names}
 
 
 def _definition(source: str | Path) -> tuple[Any, str]:

@@ -10,7 +10,7 @@ import json
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from rich.table import Table
 from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import AnnikError
 from annik_core.version import VERSION
+from annik_training.robot_options import ROBOT_OPTIONS, chosen_robot, robot_argument, robot_options
 
 if TYPE_CHECKING:
     from annik_training.dataset import Dataset
@@ -43,15 +44,17 @@ _EXTRAS = {
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _PATH = click.Path(path_type=Path)
 
-_ROBOT = click.option(
-    "--robot", default="gantry", show_default=True, help="Packaged robot, or a definition (.yaml)."
-)
 _SEED = click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all randomness."
 )
 
 
-_DEFAULT_DESIGN = "thirty_phase"
+#: The design and its size, by the kind of robot: the paper's for the paper's robot. Only random
+#: designs fill the working box of an arm.
+_DEFAULT_DESIGNS: dict[str, tuple[str, int | None]] = {
+    "gantry": ("thirty_phase", None),
+    "arm": ("sobol", 512),
+}
 _DESIGN_NAMES = (
     "thirty_phase, thirty_phase_plus, workspace_grid, central_composite, latin_hypercube, sobol, "
     "random or active"
@@ -95,6 +98,79 @@ def _design_options(command: Any) -> Any:
     return command
 
 
+#: What :func:`_fit_options` sets, by the names of the fit options; None: as suits the robot.
+_FIT_FIELDS = (
+    "hidden_units",
+    "restarts",
+    "max_evaluations",
+    "held_out_fraction",
+    "linear_path",
+    "slope_weight",
+    "bayesian_regularisation",
+    "optimiser",
+)
+
+
+def _hidden_units(_: click.Context, __: click.Parameter, text: str | None) -> Any:
+    if text is None:
+        return None
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not a list of numbers like 20,20") from error
+
+
+def _fit_options(command: Any) -> Any:
+    """How to fit. The defaults are those of the kind of robot."""
+    for option in reversed(
+        (
+            click.option(
+                "--hidden",
+                "hidden_units",
+                callback=_hidden_units,
+                help="Units of the hidden layers, such as 20,20 (default 20; arm: 64,64,64).",
+            ),
+            click.option("--restarts", type=int, help="Random starts to fit (default 6; arm: 1)."),
+            click.option(
+                "--max-evaluations", type=int, help="Residuals per start (default 50; arm: 1000)."
+            ),
+            click.option(
+                "--held-out",
+                "held_out_fraction",
+                type=float,
+                help="Part of the examples that only chooses the best start; 0: fit all of them "
+                "(default 0.15; arm: 0).",
+            ),
+            click.option(
+                "--linear-path/--no-linear-path",
+                default=None,
+                help="Let the inputs reach the outputs directly too (default no; arm: yes).",
+            ),
+            click.option(
+                "--sobolev",
+                "slope_weight",
+                type=float,
+                help="Weight of the slopes: match the Jacobian too. 0: off; 1 suits examples "
+                "without noise (default 0; arm: 3).",
+            ),
+            click.option(
+                "--bayesian/--no-bayesian",
+                "bayesian_regularisation",
+                default=None,
+                help="Weight decay by the evidence: for few or noisy examples (default no).",
+            ),
+            click.option(
+                "--optimiser",
+                type=click.Choice(["levenberg_marquardt", "lbfgs"]),
+                help="levenberg_marquardt: exact, for small networks (default); lbfgs: for "
+                "thousands of weights (arm).",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(VERSION, prog_name="annik")
 def cli() -> None:
@@ -103,10 +179,10 @@ def cli() -> None:
 
 @cli.command(
     help="Choose the joint positions of the examples by a design of experiments. "
-    f"NAME is {_DESIGN_NAMES}; left out, {_DEFAULT_DESIGN}."
+    f"NAME is {_DESIGN_NAMES}; left out, thirty_phase, or for an arm sobol."
 )
-@click.argument("design", metavar="[NAME]", default=_DEFAULT_DESIGN)
-@_ROBOT
+@click.argument("design", metavar="[NAME]", required=False)
+@robot_options
 @_design_options
 @_SEED
 @click.option(
@@ -121,15 +197,13 @@ def cli() -> None:
     "Default: DESIGN_ROBOT_pairs.png in the current folder.",
 )
 @click.option("--out", type=_FILE, help="Also compute the poses and save the dataset (.npz).")
-def design(
-    robot: str, seed: int, check: bool, plot: Path | None, out: Path | None, **choices: Any
-) -> None:
+def design(seed: int, check: bool, plot: Path | None, out: Path | None, **choices: Any) -> None:
     """Choose the joint positions of the examples."""
     from annik_training.dataset import save_dataset
 
     if plot is not None and plot.suffix != ".png":
         raise AnnikError(f"{plot} can't be written: a plot is a PNG, its name must end in .png")
-    dataset = _computed_dataset(robot, seed, choices)
+    dataset = _computed_dataset(seed, choices)
     Console().print(
         escape(
             f"{dataset.design}: {len(dataset)} examples for {dataset.robot.name} "
@@ -144,80 +218,40 @@ def design(
 
 
 @cli.command()
-@_ROBOT
+@robot_options
 @click.option(
     "--design",
-    default=_DEFAULT_DESIGN,
-    show_default=True,
-    help=f"Design of experiments: {_DESIGN_NAMES}.",
+    help=f"Design of experiments: {_DESIGN_NAMES}; default thirty_phase, or for an arm sobol with "
+    "512 examples.",
 )
 @_design_options
 @_SEED
 @click.option(
     "--dataset", "dataset_path", type=_FILE, help="Train on this dataset (.npz) instead."
 )
-@click.option(
-    "--hidden", default="20", show_default=True, help="Units of the hidden layers, such as 20,20."
-)
-@click.option("--restarts", type=int, default=6, show_default=True, help="Random starts to fit.")
-@click.option(
-    "--max-evaluations", type=int, default=50, show_default=True, help="Residuals per start."
-)
-@click.option(
-    "--held-out",
-    type=float,
-    default=0.15,
-    show_default=True,
-    help="Part of the examples that only chooses the best start; 0: fit all of them.",
-)
-@click.option("--linear-path", is_flag=True, help="Let the inputs reach the outputs directly too.")
-@click.option(
-    "--sobolev",
-    type=float,
-    default=0.0,
-    show_default=True,
-    help="Weight of the slopes: match the Jacobian too. 0: off; 1 suits examples without noise.",
-)
-@click.option(
-    "--bayesian", is_flag=True, help="Weight decay by the evidence: for few or noisy examples."
-)
+@_fit_options
 @click.option("--out", type=_FILE, required=True, help="The model file to write (.onnx).")
 @click.option("--summary", type=_FILE, help="Also write what came out as JSON.")
 def train(
-    robot: str,
     seed: int,
     dataset_path: Path | None,
-    hidden: str,
-    restarts: int,
-    max_evaluations: int,
-    held_out: float,
-    linear_path: bool,
-    sobolev: float,
-    bayesian: bool,
     out: Path,
     summary: Path | None,
     **choices: Any,
 ) -> None:
     """Train a network on few examples and write it as a model file."""
     from annik_training.dataset import load_dataset
-    from annik_training.fitting.fit_options import FitOptions
+    from annik_training.fitting.fit_options import default_options
     from annik_training.train import train as train_model
 
-    options = FitOptions(
-        hidden_units=_hidden_units(hidden),
-        restarts=restarts,
-        max_evaluations=max_evaluations,
-        held_out_fraction=held_out,
-        linear_path=linear_path,
-        slope_weight=sobolev,
-        bayesian_regularisation=bayesian,
-        seed=seed,
-    )
+    fit_choices = {field: choices.pop(field) for field in _FIT_FIELDS}
+    changes = {field: value for field, value in fit_choices.items() if value is not None}
     if dataset_path is not None:
-        _refuse_beside_dataset("robot", *choices)
+        _refuse_beside_dataset(*choices)
         dataset = load_dataset(dataset_path)
     else:
-        dataset = _computed_dataset(robot, seed, choices)
+        dataset = _computed_dataset(seed, choices)
+    options = replace(default_options(dataset.robot.kind), seed=seed, **changes)
     console = Console(stderr=True)
     with Progress(
         TextColumn("fitting {task.fields[label]}"),
@@ -228,7 +262,7 @@ def train(
         console=console,
     ) as progress:
         label = f"{dataset.robot.name} to {len(dataset)} examples"
-        task = progress.add_task("", total=restarts, label=label, best="-")
+        task = progress.add_task("", total=options.restarts, label=label, best="-")
         best = float("inf")
 
         def on_restart(restart: Restart) -> None:
@@ -243,25 +277,64 @@ def train(
 
 
 @cli.command()
-@click.argument("model", type=_FILE)
-@_SEED
-def evaluate(model: Path, seed: int) -> None:
-    """Measure a model file on fresh random poses of its robot's workspace."""
-    from annik_core.artifact import load_artifact
-    from annik_training.evaluation import evaluate as evaluate_network
-    from annik_training.train import evaluation_dataset
+@robot_argument
+@click.option("--save", type=_FILE, help="Also write the definition (.yaml): robot, frames, box.")
+def robot(save: Path | None, **choices: Any) -> None:
+    """Show a robot's joints, frames and working box, and whether the box holds one branch."""
+    from annik_training.robot_report import branch_shares, definition_text
 
-    artifact = load_artifact(model)
-    evaluation = evaluate_network(
-        artifact.joint_positions, evaluation_dataset(artifact.robot, seed)
-    )
-    Console().print(_evaluation_table(evaluation, f"{model}: {artifact.robot.name}"))
+    shown = chosen_robot(**choices)
+    table = Table("joint", "type", "limits", "working box", title=escape(shown.name))
+    for name, kind, *bounds in zip(
+        shown.joint_names,
+        shown.joint_types,
+        *(
+            [f"{low:.4g} .. {high:.4g}" for low, high in zip(box.lower, box.upper, strict=True)]
+            for box in (shown.joint_limits, shown.joint_box)
+        ),
+        strict=True,
+    ):
+        table.add_row(escape(name), kind, *bounds)
+    console = Console()
+    console.print(table)
+    console.print(escape(f"frames: {shown.base_frame} to {shown.end_effector_frame}; rad and m"))
+    console.print(branch_shares(shown))
+    if save is not None:
+        _write(save, definition_text(shown))
+        console.print(f"wrote {escape(str(save))}")
 
 
 @cli.command()
-@click.argument("model", type=_FILE)
+@click.argument("model", type=_PATH)
+@_SEED
+@click.option("--plot", type=_FILE, help="Draw where in the working box it is worst (.png).")
+def evaluate(model: Path, seed: int, plot: Path | None) -> None:
+    """Measure a model on fresh random poses of its robot's workspace.
+
+    MODEL is a model file or the name of a packaged model.
+    """
+    from annik_core.artifact import load_artifact
+    from annik_training.error_map import error_map
+    from annik_training.evaluation import measure, summarise
+    from annik_training.train import evaluation_dataset
+
+    artifact = load_artifact(model)
+    measured = measure(artifact.joint_positions, evaluation_dataset(artifact.robot, seed))
+    Console().print(
+        _evaluation_table(summarise(measured), f"{artifact.path}: {artifact.robot.name}")
+    )
+    if plot is not None:
+        _write(plot, error_map(measured))
+        click.echo(f"wrote {plot}")
+
+
+@cli.command()
+@click.argument("model", type=_PATH)
 def info(model: Path) -> None:
-    """Check a model file and print what it says of itself."""
+    """Check a model and print what it says of itself.
+
+    MODEL is a model file or the name of a packaged model.
+    """
     from annik_core.artifact import load_artifact
 
     artifact = load_artifact(model)
@@ -435,12 +508,14 @@ def _refuse_beside_dataset(*names: str) -> None:
         raise ConflictingOptions("--dataset", given)
 
 
-def _computed_dataset(robot_name: str, seed: int, choices: dict[str, Any]) -> Dataset:
-    from annik_core.robot_library import load_robot
+def _computed_dataset(seed: int, choices: dict[str, Any]) -> Dataset:
     from annik_training.dataset import compute_dataset
     from annik_training.designs.registry import find_design
 
-    chosen = find_design(choices.pop("design"))
+    robot = chosen_robot(**{name: choices.pop(name) for name in ROBOT_OPTIONS})
+    named = choices.pop("design")
+    usual, usual_size = _DEFAULT_DESIGNS[robot.kind]
+    chosen = find_design(named or usual)
     # By identity: 0 equals False, but was given, and must be refused where it makes no sense.
     given = {
         option: value
@@ -448,8 +523,13 @@ def _computed_dataset(robot_name: str, seed: int, choices: dict[str, Any]) -> Da
         if value is not None and value is not False
     }
     size = given.pop(chosen.size_option, None)
-    used = chosen.default_size if size is None else size
-    dataset = compute_dataset(load_robot(robot_name), chosen.name, used, seed, given)
+    if size is not None:
+        used = size
+    elif named is None and usual_size is not None:
+        used = usual_size
+    else:
+        used = chosen.default_size
+    dataset = compute_dataset(robot, chosen.name, used, seed, given)
     if size is None:
         Console().print(f"{chosen.name}: {chosen.size_flag} is {used}, the default")
     return dataset
@@ -501,18 +581,13 @@ def _print_diagnostics(diagnostics: DesignDiagnostics) -> None:
     )
 
 
-def _hidden_units(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError as error:
-        raise click.BadParameter(f"{text!r} is not a list of numbers like 20,20") from error
-
-
 def _print_training(result: TrainingResult) -> None:
     fitted = result.fitted
+    left_out = f", {fitted.second_solutions} second solutions left out"
     Console().print(
         f"{len(fitted.dataset)} examples ({len(fitted.held_out)} held out to choose among "
-        f"{len(fitted.restarts)} starts), {fitted.seconds:.1f} s"
+        f"{len(fitted.restarts)} starts{left_out if fitted.second_solutions else ''}), "
+        f"{fitted.seconds:.1f} s"
     )
     Console().print(_evaluation_table(result.evaluation, str(result.path)))
     _warn_of_refusals(result.evaluation)
@@ -523,7 +598,15 @@ def _warn_of_refusals(evaluation: Evaluation) -> None:
     from annik_core.acceptance import AcceptanceLimits
 
     limits = AcceptanceLimits()
-    if (
+    refined = evaluation.refined
+    if refined is not None:
+        if refined.success < 0.95:
+            click.echo(
+                f"annik: of {100 * (1 - refined.success):.1f} % of these poses the solution was "
+                "not found; give more --examples, or a smaller working box: annik robot shows it",
+                err=True,
+            )
+    elif (
         evaluation.position_error.p95 > limits.max_position_residual
         or evaluation.orientation_error.p95 > limits.max_orientation_residual
     ):
@@ -552,6 +635,15 @@ def _evaluation_table(evaluation: Evaluation, title: str) -> Table:
         escape("orientation [deg]"),
         *(f"{np.degrees(getattr(orientation, column)):.6f}" for column in columns),
     )
+    refined = evaluation.refined
+    if refined is not None:
+        table.caption = (
+            f"{evaluation.examples} random poses, the network alone. Refined: "
+            f"{100 * refined.success:.2f} % solved inside the working box, at most "
+            f"{1e9 * refined.position_residual:.0f} nm off; steps {refined.mean_steps:.1f} on "
+            f"average, {refined.p99_steps:.0f} p99, {refined.max_steps} at most; "
+            f"{100 * refined.same_solution:.2f} % by the joint positions the pose was made from"
+        )
     return table
 
 
@@ -564,6 +656,7 @@ def _training_summary(result: TrainingResult) -> dict[str, Any]:
         "design_options": dict(fitted.dataset.design_options),
         "examples": len(fitted.dataset),
         "held_out_examples": len(fitted.held_out),
+        "second_solutions": fitted.second_solutions,
         "seconds": fitted.seconds,
         "seed": fitted.options.seed,
         "winning_restart": fitted.winner,

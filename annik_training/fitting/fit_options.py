@@ -82,12 +82,12 @@ class FitOptions:
 #: How to fit an arm, unless told otherwise: it takes a larger network than the paper's robot, and
 #: by the slopes of its model few examples say much more.
 ARM_OPTIONS = FitOptions(
-    hidden_units=(96, 96),
+    hidden_units=(64, 64, 64),
     restarts=1,
     held_out_fraction=0.0,
     max_evaluations=1000,
     linear_path=True,
-    slope_weight=1.0,
+    slope_weight=3.0,
     optimiser="lbfgs",
 )
 
