@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from annik_core.acceptance import AcceptanceLimits
 from annik_core.artifact import load_artifact
 from annik_core.errors import AnnikError
 from annik_core.ik_result import IkResult, IkStatus
@@ -46,7 +45,7 @@ class IkServer:
     """Answers targets one after the other, each from the last command that was accepted.
 
     Attributes:
-        solver: answers the targets.
+        solver: answers the targets; another for the same robot may take its place at any time.
     """
 
     def __init__(self, solver: IkSolver, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -86,10 +85,6 @@ class IkServer:
         """
         artifact = load_artifact(path, expected_robot=self.solver.robot)
         self.solver = replace(self.solver, artifact=artifact)
-
-    def replace_limits(self, limits: AcceptanceLimits) -> None:
-        """Accept further answers by other limits."""
-        self.solver = replace(self.solver, limits=limits)
 
     def end_period(self) -> SolveSummary:
         """Sum up the answers so far, and begin a new period."""

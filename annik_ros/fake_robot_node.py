@@ -141,7 +141,11 @@ def _refusal_reason(error: AnnikError) -> str:
 def _load(parameters: FakeRobotParameters) -> Robot:
     if parameters.model:
         return load_artifact(parameters.model).robot
-    return load_robot(parameters.robot)
+    return load_robot(
+        parameters.robot_description or parameters.robot,
+        base_frame=parameters.base_frame or None,
+        end_effector_frame=parameters.end_effector_frame or None,
+    )
 
 
 def main(args: list[str] | None = None) -> int:

@@ -11,10 +11,9 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from annik_core.artifact import default_model_path
+from annik_core.artifact import default_model_path, load_artifact, model_path
 from annik_core.errors import AnnikError
 from annik_core.ik_server import Answer, IkServer
-from annik_core.ik_solver import IkSolver
 from annik_core.unique_stamps import UniqueStamps
 from annik_ros.declare_parameters import current_parameters, declare_parameters
 from annik_ros.diagnostics import (
@@ -48,7 +47,7 @@ class IkNode(Node):
         """
         super().__init__(NODE_NAME)
         parameters = declare_parameters(self, IkNodeParameters)
-        solver = IkSolver.from_file(_model_path(parameters), parameters.acceptance_limits)
+        solver = parameters.solver(load_artifact(_model_path(parameters)))
         self._server = IkServer(solver)
         self._stamps = UniqueStamps()
         results = reliable(RESULT_DEPTH)
@@ -102,8 +101,8 @@ class IkNode(Node):
         return response
 
     def _on_parameters(self, _: list[Parameter]) -> None:
-        limits = current_parameters(self, IkNodeParameters).acceptance_limits
-        self._server.replace_limits(limits)
+        parameters = current_parameters(self, IkNodeParameters)
+        self._server.solver = parameters.solver(self._server.solver.artifact)
 
     def _report(self) -> DiagnosticReport:
         summary = self._server.end_period()
@@ -112,6 +111,7 @@ class IkNode(Node):
             "model": str(artifact.path),
             "model sha256": artifact.sha256[:12],
             "robot": artifact.robot.name,
+            "mode": "refined" if self._server.solver.refines else "network",
         }
         return outcome_report(
             "target",
@@ -122,7 +122,7 @@ class IkNode(Node):
 
 
 def _model_path(parameters: IkNodeParameters) -> Path:
-    return Path(parameters.model) if parameters.model else default_model_path()
+    return model_path(parameters.model) if parameters.model else default_model_path()
 
 
 def main(args: list[str] | None = None) -> int:

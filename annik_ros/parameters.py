@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 
 from annik_core.acceptance import AcceptanceLimits
+from annik_core.artifact import ModelArtifact
+from annik_core.ik_solver import IkSolver, SolverMode
+from annik_core.refinement import RefinementOptions
 from annik_core.target_paths import DIAGONAL_POINTS
 from annik_ros.parameter_table import Parameter, parameter, parameter_table
 from msg_tools.topics import TOPICS
@@ -20,8 +23,39 @@ class IkNodeParameters:
 
     model: str = parameter(
         "",
-        "Path of the model file; empty: the packaged gantry model. A change takes effect when "
-        "~/reload_model is called.",
+        "Path of the model file, or name of a packaged model; empty: the packaged gantry model. A "
+        "change takes effect when ~/reload_model is called.",
+        read_only=False,
+    )
+    mode: str = parameter(
+        SolverMode.AUTO.value,
+        "What answers a target. network: the network alone, as in the paper; refined: its answer, "
+        "polished on the forward kinematics inside the working joint box; auto: refined for an "
+        "arm, network for the gantry.",
+        choices=tuple(mode.value for mode in SolverMode),
+        read_only=False,
+    )
+    max_newton_steps: int = parameter(
+        RefinementOptions.max_newton_steps,
+        "Most steps of the refinement, which bounds the time of an answer; what has not converged "
+        "by then is refused.",
+        minimum=0,
+        maximum=1000,
+        read_only=False,
+    )
+    refinement_tolerance: float = parameter(
+        RefinementOptions.tolerance,
+        "The refinement is done when distance and angle to the target are at most this.",
+        unit="m and rad",
+        minimum=1e-12,
+        maximum=1.0,
+        read_only=False,
+    )
+    seed_from_previous: bool = parameter(
+        False,
+        "Begin the refinement at the last command where its pose is nearer to the target than the "
+        "network's answer. True: an answer may depend on those before it; false: on the target "
+        "alone.",
         read_only=False,
     )
     max_position_residual: float = parameter(
@@ -66,17 +100,39 @@ class IkNodeParameters:
             self.max_position_residual, self.max_orientation_residual, self.max_joint_step
         )
 
+    def solver(self, artifact: ModelArtifact) -> IkSolver:
+        """The solver that they describe, for a model."""
+        return IkSolver(
+            artifact,
+            self.acceptance_limits,
+            SolverMode(self.mode),
+            RefinementOptions(self.max_newton_steps, self.refinement_tolerance),
+            self.seed_from_previous,
+        )
+
 
 @dataclass(frozen=True)
 class FakeRobotParameters:
     """Parameters of ``fake_robot``."""
 
     model: str = parameter(
-        "", "Path of a model file whose robot to stand in for; empty: see robot."
+        "",
+        "Path of a model file, or name of a packaged model, whose robot to stand in for; empty: "
+        "see robot_description.",
+    )
+    robot_description: str = parameter(
+        "", "Text of a URDF to stand in for if no model is given; empty: see robot."
     )
     robot: str = parameter(
         "gantry",
-        "Packaged robot, or path of a robot definition, to stand in for if no model is given.",
+        "Packaged robot, or path of a robot definition or URDF, to stand in for if neither a "
+        "model nor a robot_description is given.",
+    )
+    base_frame: str = parameter(
+        "", "Of an arm's URDF: the link that poses are given in; empty: its root, or as defined."
+    )
+    end_effector_frame: str = parameter(
+        "", "Of an arm's URDF: the link whose pose it is; empty: its only tip, or as defined."
     )
 
 

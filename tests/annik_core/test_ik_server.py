@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -58,7 +59,7 @@ def test_another_frame_is_refused_naming_both(server: IkServer, frame_id: str) -
 
 def test_the_joint_step_is_measured_from_the_last_accepted_command(server: IkServer) -> None:
     """A refused target leaves no trace."""
-    server.replace_limits(AcceptanceLimits(max_joint_step=0.01))
+    server.solver = replace(server.solver, limits=AcceptanceLimits(max_joint_step=0.01))
     assert server.answer(NEAR).result.accepted
     assert server.answer(FAR).result.status is IkStatus.JOINT_STEP_TOO_LARGE
     assert server.answer(FAR).result.status is IkStatus.JOINT_STEP_TOO_LARGE
@@ -68,9 +69,9 @@ def test_the_joint_step_is_measured_from_the_last_accepted_command(server: IkSer
 def test_limits_count_from_the_next_target_on(server: IkServer) -> None:
     """The model stays."""
     artifact = server.solver.artifact
-    server.replace_limits(AcceptanceLimits(max_position_residual=1e-15))
+    server.solver = replace(server.solver, limits=AcceptanceLimits(max_position_residual=1e-15))
     assert server.answer(NEAR).result.status is IkStatus.RESIDUAL_TOO_LARGE
-    server.replace_limits(AcceptanceLimits())
+    server.solver = replace(server.solver, limits=AcceptanceLimits())
     assert server.answer(NEAR).result.accepted
     assert server.solver.artifact is artifact
 
@@ -115,7 +116,7 @@ def test_a_model_that_is_refused_changes_nothing(server: IkServer, tmp_path: Pat
 
 def test_a_model_of_the_same_robot_takes_over_with_the_same_limits(server: IkServer) -> None:
     """And the joint step is still measured from the last command."""
-    server.replace_limits(AcceptanceLimits(max_joint_step=0.01))
+    server.solver = replace(server.solver, limits=AcceptanceLimits(max_joint_step=0.01))
     assert server.answer(NEAR).result.accepted
     before = server.solver.artifact
     server.load_model(default_model_path())
