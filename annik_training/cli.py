@@ -132,7 +132,7 @@ def _fit_options(command: Any) -> Any:
             ),
             click.option("--restarts", type=int, help="Random starts to fit (default 6; arm: 1)."),
             click.option(
-                "--max-evaluations", type=int, help="Residuals per start (default 50; arm: 1000)."
+                "--max-evaluations", type=int, help="Residuals per start (default 50; arm: 400)."
             ),
             click.option(
                 "--held-out",
@@ -151,7 +151,7 @@ def _fit_options(command: Any) -> Any:
                 "slope_weight",
                 type=float,
                 help="Weight of the slopes: match the Jacobian too. 0: off; 1 suits examples "
-                "without noise (default 0; arm: 3).",
+                "without noise (default 0; arm: 1).",
             ),
             click.option(
                 "--bayesian/--no-bayesian",
@@ -476,6 +476,60 @@ def paper(out: Path, seed: int, workers: int | None, quick: bool, docs: Path | N
         + (f", the page to {escape(str(docs))} too" if docs else ""),
         soft_wrap=True,
     )
+
+
+@cli.group()
+def bench() -> None:
+    """Compare annik with others."""
+
+
+@bench.command("ik")
+@click.option(
+    "--robot", default="ur5e", show_default=True, help="An arm: packaged, or a definition or URDF."
+)
+@click.option("--model", type=_FILE, help="Its model file (.onnx); default: the packaged one.")
+@click.option(
+    "--targets", type=click.IntRange(1), default=2000, show_default=True, help="Random poses."
+)
+@click.option(
+    "--paths", type=click.IntRange(1), default=200, show_default=True, help="Straight lines."
+)
+@click.option(
+    "--points", type=click.IntRange(2), default=100, show_default=True, help="On each line."
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1),
+    default=3,
+    show_default=True,
+    help="How often each solver is timed on each target; the median counts.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=2026,
+    show_default=True,
+    help="Of targets and lines, apart from those of training.",
+)
+@click.option(
+    "--out",
+    type=_PATH,
+    default=Path("build/bench"),
+    show_default=True,
+    help="Folder for page and data.",
+)
+@click.option("--docs", type=_PATH, help="Also write page and data to results/ in this folder.")
+def bench_ik(robot: str, model: Path | None, out: Path, docs: Path | None, **amounts: int) -> None:
+    """Inverse kinematics: annik and the solvers of others on the same targets.
+
+    Success, branch, times, straight paths and throughput of every solver that is installed; the
+    others are skipped and named. `./run bench ik` installs them all, in an environment of their
+    own.
+    """
+    from annik_training.bench.command import bench_ik_command
+    from annik_training.bench.results import BenchSettings
+
+    bench_ik_command(robot, model, BenchSettings(**amounts), out, docs)
 
 
 class ConflictingOptions(AnnikError):

@@ -1,0 +1,116 @@
+"""Train every packaged arm as ``annik train`` does, and measure it on fresh targets.
+
+Writes the packaged models, models/ROBOT.onnx, and docs/results/arms.md. The targets are drawn
+apart from everything that training draws. What is solved is verified by forward kinematics that
+share no code with the solver's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from annik_core.ik_solver import IkSolver
+from annik_core.robot_library import load_robot, packaged_robots
+from annik_training.bench.measure_paths import measure_paths
+from annik_training.bench.ours import our_solvers
+from annik_training.bench.robot_problem import robot_problem
+from annik_training.bench.straight_paths import straight_paths
+from annik_training.bench.verification import Verifier
+from annik_training.dataset import compute_dataset, compute_random_dataset
+from annik_training.fitting.fit_options import ARM_OPTIONS
+from annik_training.machine import machine
+from annik_training.train import train
+
+ROOT = Path(__file__).parents[1]
+RESULT = ROOT / "docs" / "results" / "arms.md"
+#: As ``annik train`` takes them for an arm.
+EXAMPLES = 512
+_TARGET_SEED = 20261122
+_WARM_UP = 50
+_POINTS = 100
+_HEADER = (
+    "robot",
+    "examples",
+    "training [s]",
+    "network alone: median, p99 [mm]",
+    "solved [%]",
+    "in the box [%]",
+    "steps: mean, most",
+    "solve: median, p99 [us]",
+    "branch changes",
+)
+
+
+def main() -> None:
+    """Train, measure and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--examples", type=int, nargs="+", default=[EXAMPLES])
+    parser.add_argument("--targets", type=int, default=2000)
+    parser.add_argument("--paths", type=int, default=200)
+    parser.add_argument("--robots", nargs="+", default=_arms())
+    arguments = parser.parse_args()
+    lines = [
+        "<!-- Written by ./run bench arms -->",
+        "",
+        f"{arguments.targets} targets, {arguments.paths} straight paths of {_POINTS} points, one "
+        f"seed. {machine()}",
+        "",
+        "| " + " | ".join(_HEADER) + " |",
+        "| " + " | ".join("---" for _ in _HEADER) + " |",
+    ]
+    for examples in arguments.examples:
+        for name in arguments.robots:
+            row = _measured(name, examples, arguments.targets, arguments.paths)
+            lines.append("| " + " | ".join(row) + " |")
+            print(lines[-1], flush=True)
+    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _arms() -> list[str]:
+    return [name for name in packaged_robots() if load_robot(name).kind == "arm"]
+
+
+def _measured(name: str, examples: int, targets: int, paths: int) -> tuple[str, ...]:
+    """A row of the table."""
+    robot = load_robot(name)
+    # The packaged models are those with the usual number of examples.
+    model = ROOT / ("models" if examples == EXAMPLES else "build/arms") / f"{name}.onnx"
+    trained = train(compute_dataset(robot, "sobol", examples, seed=0), model, ARM_OPTIONS)
+    solver = IkSolver.from_file(model)
+    unseen = compute_random_dataset(robot, robot.joint_box, targets, _TARGET_SEED)
+    for pose in unseen.poses[:_WARM_UP]:
+        solver.solve(pose)
+    answers = np.full((targets, robot.dof), np.nan)
+    steps, microseconds = [], []
+    for row, pose in enumerate(unseen.poses):
+        begin = time.perf_counter_ns()
+        result = solver.solve(pose)
+        microseconds.append(1e-3 * (time.perf_counter_ns() - begin))
+        if result.joint_positions is not None:
+            answers[row] = result.joint_positions
+            steps.append(result.newton_steps)
+    verifier = Verifier(robot_problem(robot))
+    verified = verifier.verified(answers, unseen.poses)
+    refined = our_solvers(solver.artifact)[-1]
+    followed, _ = straight_paths(robot, paths, _POINTS, np.random.default_rng(_TARGET_SEED))
+    on_paths = measure_paths([refined], followed, verifier)[refined.name]
+    errors = trained.evaluation.position_error
+    return (
+        name,
+        f"{examples}",
+        f"{trained.fitted.seconds:.0f}",
+        f"{1e3 * errors.p50:.1f}, {1e3 * errors.p99:.0f}",
+        f"{100 * verified.right.mean():.2f}",
+        f"{100 * verified.in_box.mean():.2f}",
+        f"{np.mean(steps):.1f}, {max(steps)}",
+        f"{np.median(microseconds):.0f}, {np.percentile(microseconds, 99):.0f}",
+        f"{on_paths.changing} of {on_paths.paths}",
+    )
+
+
+if __name__ == "__main__":
+    main()
