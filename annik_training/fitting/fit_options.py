@@ -80,9 +80,9 @@ class FitOptions:
 
 
 #: How to fit an arm, unless told otherwise: it takes a larger network than the paper's robot, and
-#: by the slopes of its model few examples say much more. More evaluations make the network's answer
-#: better on the whole and worse beyond a fold, where examples are rare: more targets are then not
-#: solved at all.
+#: by the slopes of its model few examples say much more. More evaluations make the network's
+#: answer better on the whole and worse beyond a fold, where examples are rare: more targets are
+#: then not solved at all.
 ARM_OPTIONS = FitOptions(
     hidden_units=(64, 64, 64),
     restarts=1,
