@@ -21,6 +21,7 @@ from annik_core.version import VERSION
 from annik_training.dataset import compute_random_dataset
 from annik_training.evaluation import Evaluation
 from annik_training.fit import FittedNetwork
+from annik_training.fitting.fused_network import for_export
 from annik_training.fitting.network import InverseKinematicsNetwork
 
 #: Largest difference between exported and trained network [rad or m].
@@ -72,12 +73,12 @@ def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> A
 def to_onnx(network: InverseKinematicsNetwork) -> onnx.ModelProto:
     """The ONNX graph of a network: input ``pose`` (n, 7), output ``joint_positions`` (n, dof)."""
     example = torch.tensor([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 2, dtype=torch.float64)
-    network.eval()
+    module = for_export(network).eval()
     with warnings.catch_warnings(), _quiet_exporter():
         # The exporter warns of its own deprecations, which no caller can act on.
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
-            network,
+            module,
             (example,),
             input_names=[INPUT_NAME],
             output_names=[OUTPUT_NAME],

@@ -27,12 +27,6 @@ _QUATERNION_PARTS = torch.tensor(
 _SUM_AND_DIFFERENCE = torch.tensor([[1, 1], [-1, 1]], dtype=torch.float64)
 # The ten products of x, y, z, w: xx, yy, zz, ww, xy, xz, xw, yz, yw, zw.
 _PAIRS = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
-_FIRST_FACTOR, _SECOND_FACTOR = (
-    torch.tensor(
-        [[float(pair[side] == row) for pair in _PAIRS] for row in range(4)], dtype=torch.float64
-    )
-    for side in (0, 1)
-)
 # Rows: the products in this order; columns: the rotation matrix, column by column.
 _PRODUCTS_TO_COLUMNS = torch.tensor(
     [
@@ -149,9 +143,30 @@ class PositionRotationMatrix(PoseEncoding):
     name = "position_rotation_matrix"
     features = 12
 
+    factors: tuple[Tensor, Tensor, Tensor]
+    terms_to_features: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        #: A and B ``(7, 13)`` and b ``(13,)``: the terms are (pose A) (pose B + b), each by each:
+        #: x, y, z times one, and the ten products of two components of the quaternion.
+        self.factors = _term_factors()
+        #: ``(13, 12)``.
+        self.terms_to_features = torch.block_diag(  # type: ignore[no-untyped-call]
+            torch.eye(3, dtype=torch.float64), _PRODUCTS_TO_COLUMNS
+        )
+
     def forward(self, poses: Tensor) -> Tensor:
         """Position and columns of the rotation matrix ``(n, 12)`` of poses ``(n, 7)``."""
-        quaternion = poses[:, 3:]
-        # All products of two components at once, and the matrix as sums of them.
-        products = (quaternion @ _FIRST_FACTOR) * (quaternion @ _SECOND_FACTOR)
-        return torch.cat([poses[:, :3], products @ _PRODUCTS_TO_COLUMNS], dim=1)
+        first, second, offset = self.factors
+        return ((poses @ first) * (poses @ second + offset)) @ self.terms_to_features
+
+
+def _term_factors() -> tuple[Tensor, Tensor, Tensor]:
+    first, second = torch.zeros(2, 7, 3 + len(_PAIRS), dtype=torch.float64)
+    offset = torch.zeros(3 + len(_PAIRS), dtype=torch.float64)
+    for axis in range(3):
+        first[axis, axis] = offset[axis] = 1.0
+    for column, (left, right) in enumerate(_PAIRS, start=3):
+        first[3 + left, column] = second[3 + right, column] = 1.0
+    return first, second, offset

@@ -8,6 +8,8 @@ that of 1 + d times as many examples.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor, nn
 
@@ -27,7 +29,8 @@ def minimise_all_weights(
         network: the network; its weights are changed.
         examples: what to fit, scaled.
         slope_weight: weight of the mean square error of the slopes, where there are any.
-        max_evaluations: most evaluations of error and gradient.
+        max_evaluations: most evaluations of error and gradient. Where they end within a line
+            search, the best weights so far are taken.
     """
     optimiser = torch.optim.LBFGS(
         network.parameters(),
@@ -39,17 +42,34 @@ def minimise_all_weights(
         line_search_fn="strong_wolfe",
     )
     evaluations = 0
+    least = math.inf
+    best = [weights.detach().clone() for weights in network.parameters()]
 
     def error() -> Tensor:
-        nonlocal evaluations
+        nonlocal evaluations, least, best
+        if evaluations == max_evaluations:
+            # The optimiser counts after a line search only.
+            raise _EvaluationsUsedUp
         evaluations += 1
         optimiser.zero_grad()
         value = _error(network, examples, slope_weight)
         value.backward()  # type: ignore[no-untyped-call]
+        if value.item() < least:
+            least = value.item()
+            best = [weights.detach().clone() for weights in network.parameters()]
         return value
 
-    optimiser.step(error)  # type: ignore[no-untyped-call]
+    try:
+        optimiser.step(error)  # type: ignore[no-untyped-call]
+    except _EvaluationsUsedUp:
+        with torch.no_grad():
+            for weights, found in zip(network.parameters(), best, strict=True):
+                weights.copy_(found)
     return evaluations
+
+
+class _EvaluationsUsedUp(Exception):
+    """Ends a line search."""
 
 
 def _error(network: ScaledNetwork, examples: ScaledExamples, slope_weight: float) -> Tensor:
