@@ -34,6 +34,18 @@ class ChainJoint:
         """What the joint does ``(4, 4)`` at a position [rad or m]."""
         return _motion(self.axis, self.prismatic, position)
 
+    def motions(self, positions: FloatArray) -> FloatArray:
+        """What the joint does ``(n, 4, 4)`` at positions ``(n,)`` [rad or m]."""
+        motions = np.tile(np.eye(4), (len(positions), 1, 1))
+        if self.prismatic:
+            motions[:, :3, 3] = positions[:, np.newaxis] * self.axis
+            return motions
+        cross = _cross(self.axis)
+        sines = np.sin(positions)[:, np.newaxis, np.newaxis]
+        rest = 1.0 - np.cos(positions)[:, np.newaxis, np.newaxis]
+        motions[:, :3, :3] += sines * cross + rest * (cross @ cross)
+        return motions
+
     @property
     def z_to_axis(self) -> FloatArray:
         """A rotation ``(4, 4)`` that turns z onto the axis, for solvers whose joints are along z.
@@ -101,6 +113,14 @@ class SerialChain:
             placement = placement @ joint.placement @ joint.motion(position)
         tip: FloatArray = placement @ self.tip
         return tip
+
+    def tip_placements(self, joint_positions: FloatArray) -> FloatArray:
+        """End effectors ``(m, 4, 4)`` in the base, from joint positions ``(m, n)`` [rad or m]."""
+        placements = np.tile(np.eye(4), (len(joint_positions), 1, 1))
+        for joint, positions in zip(self.joints, joint_positions.T, strict=True):
+            placements = placements @ joint.placement @ joint.motions(positions)
+        tips: FloatArray = placements @ self.tip
+        return tips
 
 
 def joints_between(urdf: str, base_frame: str, tip_frame: str) -> list[ElementTree.Element]:
@@ -176,12 +196,17 @@ def _motion(axis: FloatArray, prismatic: bool, position: float) -> FloatArray:
 
 def _turn(axis: FloatArray, angle: float) -> FloatArray:
     """Rotation ``(3, 3)`` about a unit vector."""
-    x, y, z = axis.tolist()
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = _cross(axis)
     turn: FloatArray = (
         np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
     )
     return turn
+
+
+def _cross(axis: FloatArray) -> FloatArray:
+    """The matrix ``(3, 3)`` of the vector product with a vector."""
+    x, y, z = axis.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _z_to(axis: FloatArray) -> FloatArray:
