@@ -150,7 +150,7 @@ class IkSolver:
         self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
     ) -> IkResult:
         """The network's answer, polished if asked, checked, and as a result."""
-        if self.refines and np.isfinite(network_answer).all():
+        if self.refines and all(map(math.isfinite, network_answer.tolist())):
             answer = self._refined(target, network_answer, previous)
             if not answer.converged:
                 return _not_converged(answer)

@@ -181,7 +181,7 @@ class Refinement:
             candidate[moving] += motion
         else:
             candidate = positions + motion
-        if self._inside(candidate):
+        if self.box.contains(candidate):
             return candidate
         return self._bounded_step(jacobian, twist, damping, positions, candidate)
 
@@ -227,29 +227,10 @@ class Refinement:
         )
         return projected
 
-    def _inside(self, joint_positions: FloatArray) -> bool:
-        # A loop over Python numbers takes a fraction of the time of NumPy's comparisons.
-        return all(
-            low <= value <= high
-            for low, value, high in zip(
-                self._lower, joint_positions.tolist(), self._upper, strict=True
-            )
-        )
-
     @cached_property
     def _free(self) -> NDArray[np.int64]:
         """Indices of the joints that the box does not lock."""
         return np.flatnonzero(self.box.upper > self.box.lower)
-
-    @cached_property
-    def _lower(self) -> list[float]:
-        bounds: list[float] = self.box.lower.tolist()
-        return bounds
-
-    @cached_property
-    def _upper(self) -> list[float]:
-        bounds: list[float] = self.box.upper.tolist()
-        return bounds
 
 
 def _damped_least_squares(

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
+from rclpy.parameter import Parameter as GivenParameter
 
-from annik_ros.parameter_table import Parameter, parameter_table
+from annik_ros.parameter_table import InvalidParameter, Parameter, parameter_table
 
 Parameters = TypeVar("Parameters")
 
 
 def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
     """Declare the parameters of a dataclass on a node, with descriptions and ranges.
+
+    A value that is not allowed is refused later too, when the node runs.
 
     Args:
         node: where to declare them.
@@ -26,7 +35,9 @@ def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
         InvalidParameter: if a value has the wrong type or is out of range; nothing but the
             parameters before it is declared.
     """
-    values = {row.name: _declare(node, row) for row in parameter_table(parameters)}
+    rows = parameter_table(parameters)
+    values = {row.name: _declare(node, row) for row in rows}
+    node.add_on_set_parameters_callback(_refusal_of(rows))
     return parameters(**values)
 
 
@@ -56,6 +67,24 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
                 IntegerRange(from_value=int(row.minimum), to_value=int(row.maximum))
             ]
     return message
+
+
+def _refusal_of(
+    rows: tuple[Parameter, ...],
+) -> Callable[[list[GivenParameter]], SetParametersResult]:
+    """Checks new values: by itself ROS knows types and ranges, but no choices."""
+    by_name = {row.name: row for row in rows}
+
+    def check(given: list[GivenParameter]) -> SetParametersResult:
+        try:
+            for parameter in given:
+                if parameter.name in by_name:
+                    by_name[parameter.name].checked(parameter.value)
+        except InvalidParameter as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    return check
 
 
 def _declare(node: Node, row: Parameter) -> object:

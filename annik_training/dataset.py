@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.atomic_write import write_files_atomically
-from annik_core.errors import DatasetError, UnreadableDataset
+from annik_core.errors import DatasetError, MissingDependency, UnreadableDataset
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
@@ -207,6 +207,8 @@ def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:
             raise UnreadableDataset(path, f"{key!r} is {provenance[key]!r}, not {what}")
     try:
         robot = robot_from_definition(provenance["robot"], f"in {path}")
+    except MissingDependency:
+        raise
     # The definition may hold anything that JSON can say.
     except Exception as error:
         raise UnreadableDataset(path, f"its robot can't be used ({error})") from error

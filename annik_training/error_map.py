@@ -47,7 +47,9 @@ def error_map(measured: Measured) -> bytes:
         positions = measured.dataset.joint_positions[:, joint]
         shown = np.degrees(positions) if revolute else positions
         _draw_joint(axis, shown, errors_mm, failed)
-        axis.set_xlabel(f"{robot.joint_names[joint]} [{'deg' if revolute else 'm'}]", fontsize=8)
+        axis.set_xlabel(
+            f"{_plain(robot.joint_names[joint])} [{'deg' if revolute else 'm'}]", fontsize=8
+        )
     axes[0].set_ylabel("position error [mm]", fontsize=8)
     axes[0].legend(fontsize=6)
     _draw_workspace(figure, axes[len(free)], measured.dataset.poses, errors_mm)
@@ -59,12 +61,17 @@ def error_map(measured: Measured) -> bytes:
         "" if measured.refined is None else f"; {failed.sum()} not solved after refinement"
     )
     figure.suptitle(
-        f"{robot.name}: error of the network alone, {len(errors_mm)} random poses{not_solved}",
+        f"{_plain(robot.name)}: error of the network alone, {len(errors_mm)} random poses{not_solved}",
         fontsize=9,
     )
     buffer = BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
+
+
+def _plain(name: str) -> str:
+    """A name as it is: between dollar signs matplotlib would read mathematics."""
+    return name.replace("$", r"\$")
 
 
 def _draw_joint(

@@ -75,6 +75,16 @@ def phases() -> str:
     return "\n".join(f"    {line}" for line in describe_phases(6))
 
 
+def result(name: str) -> Callable[[], str]:
+    """What a benchmark has written to docs/results, without its first line, which says so."""
+
+    def measured() -> str:
+        text = (DOCS / "results" / f"{name}.md").read_text(encoding="utf-8")
+        return text.partition("\n")[2].strip()
+
+    return measured
+
+
 def limits() -> str:
     """The default acceptance limits, in the units of a reader."""
     defaults = AcceptanceLimits()
@@ -133,6 +143,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
         **{f"{node} parameters": parameters(node) for node in PARAMETER_TABLES},
     },
     DOCS / "training.md": {"designs": designs, "phases": phases},
+    DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -19,3 +21,30 @@ settings.load_profile("annik")
 def gantry() -> Robot:
     """The paper's robot."""
     return load_robot("gantry")
+
+
+@pytest.fixture(scope="session")
+def arm_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model of the arm of ``six_joint_arm``, as ``annik train`` makes one from its URDF.
+
+    It is barely trained: what an answer is worth, refinement has to see to. Beside it are the
+    URDF, ``arm.urdf``, and what the command wrote and printed: ``summary.json``, ``printed.txt``.
+    """
+    from click.testing import CliRunner
+    from six_joint_arm import FRAMES, JOINT_BOX, URDF
+
+    from annik_training.cli import cli
+
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.urdf").write_text(URDF, encoding="utf-8")
+    arguments = (
+        *("train", "--robot", folder / "arm.urdf", *FRAMES, *JOINT_BOX),
+        *("--examples", 64, "--hidden", "8", "--max-evaluations", 5, "--seed", 3),
+        *("--out", folder / "arm.onnx", "--summary", folder / "summary.json"),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("annik_training.train.EVALUATION_POSES", 200)
+        result = CliRunner().invoke(cli, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    (folder / "printed.txt").write_text(result.output, encoding="utf-8")
+    return folder / "arm.onnx"

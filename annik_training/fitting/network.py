@@ -12,6 +12,11 @@ from torch import Tensor, nn
 from annik_core.pose import FloatArray
 from annik_training.fitting.pose_encoding import PoseEncoding
 
+#: An axis narrower than this part of the widest has no width. On an arm whose end effector only
+#: turns about the vertical, most of the rotation matrix is constant but for rounding: to scale
+#: that up would make a network of it.
+_NO_WIDTH = 1e-6
+
 
 class HiddenLayers(nn.Module):
     """``(n, inputs)`` to ``(n, units)``: fully connected layers, each followed by tanh."""
@@ -57,7 +62,7 @@ class Scaling(nn.Module):
     def __init__(self, lower: FloatArray, upper: FloatArray) -> None:
         super().__init__()
         half_width = 0.5 * (upper - lower)
-        half_width = np.where(half_width > 0, half_width, 1.0)
+        half_width = np.where(half_width > _NO_WIDTH * half_width.max(), half_width, 1.0)
         self.register_buffer("centre", torch.from_numpy(0.5 * (lower + upper)))
         self.register_buffer("half_width", torch.from_numpy(half_width))
 

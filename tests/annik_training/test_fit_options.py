@@ -7,7 +7,7 @@ import json
 import pytest
 
 from annik_core.errors import InvalidTrainingOption
-from annik_training.fitting.fit_options import FitOptions
+from annik_training.fitting.fit_options import ARM_OPTIONS, FitOptions, default_options
 
 NAN = float("nan")
 
@@ -32,6 +32,9 @@ NAN = float("nan")
         {"slope_weight": 1.1e6},
         {"slope_weight": float("inf")},
         {"slope_weight": NAN},
+        {"optimiser": "adam"},
+        {"optimiser": ""},
+        {"bayesian_regularisation": True, "optimiser": "lbfgs"},
         {"seed": -1},
         {"seed": 2**63},
     ],
@@ -52,12 +55,28 @@ def test_an_option_out_of_range_is_named(option: dict[str, object]) -> None:
         {"ridge": 1.0},
         {"slope_weight": 0.0},
         {"slope_weight": 1e6},
+        {"optimiser": "lbfgs"},
+        {"optimiser": "levenberg_marquardt"},
         {"seed": 2**63 - 1},
     ],
 )
 def test_the_ends_of_the_ranges_are_allowed(option: dict[str, object]) -> None:
     ((name, value),) = option.items()
     assert getattr(FitOptions(**option), name) == value
+
+
+def test_what_is_allowed_is_said() -> None:
+    with pytest.raises(InvalidTrainingOption, match="levenberg_marquardt or lbfgs"):
+        FitOptions(optimiser="adam")
+    with pytest.raises(InvalidTrainingOption, match="optimiser levenberg_marquardt only"):
+        FitOptions(bayesian_regularisation=True, optimiser="lbfgs")
+
+
+def test_the_defaults_are_those_of_the_kind_of_robot() -> None:
+    """The paper's way for the paper's robot."""
+    assert default_options("gantry") == FitOptions()
+    assert default_options("arm") == ARM_OPTIONS
+    assert ARM_OPTIONS.optimiser == "lbfgs"
 
 
 def test_every_option_is_in_the_metadata_as_json_has_it() -> None:

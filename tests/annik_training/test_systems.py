@@ -24,9 +24,12 @@ EACH_SYSTEM = pytest.mark.parametrize(
         interaction,
         ElbowArm,
         lambda: ElbowArm(height=0.1, upper_arm=0.5, forearm=0.2),
-        lambda: InverseKinematicsSystem(load_robot("gantry")),
+        *(
+            lambda name=name: InverseKinematicsSystem(load_robot(name))
+            for name in ("gantry", "ur5e", "panda", "scara")
+        ),
     ],
-    ids=["F", "interaction", "elbow_arm", "another_elbow_arm", "gantry"],
+    ids=["F", "interaction", "elbow_arm", "another_elbow_arm", "gantry", "ur5e", "panda", "scara"],
 )
 
 
