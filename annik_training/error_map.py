@@ -61,7 +61,8 @@ def error_map(measured: Measured) -> bytes:
         "" if measured.refined is None else f"; {failed.sum()} not solved after refinement"
     )
     figure.suptitle(
-        f"{_plain(robot.name)}: error of the network alone, {len(errors_mm)} random poses{not_solved}",
+        f"{_plain(robot.name)}: error of the network alone, {len(errors_mm)} random poses"
+        f"{not_solved}",
         fontsize=9,
     )
     buffer = BytesIO()
