@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import dist, sqrt
+from math import dist, hypot
 from typing import Any
 
 import numpy as np
@@ -88,27 +88,28 @@ class ArmKinematics(ForwardKinematics):
     def error_to(self, target: FloatArray) -> PoseErrorFunction:
         """See :meth:`annik_core.robot.ForwardKinematics.error_to`."""
         pin, model, data, frame = self._pinocchio
-        forward, jacobian, log6 = (
-            pin.framesForwardKinematics,
-            pin.computeFrameJacobian,
-            pin.log6,
-        )
-        local, placements = pin.LOCAL, data.oMf
+        # Names of its own: the inside of a search is where the time goes.
+        jacobian, log6, local = pin.computeFrameJacobian, pin.log6, pin.LOCAL
+        # On its way from the frame to the base, the Jacobian leaves the frame's placement here.
+        placement = data.iMf[0]
         goal = pin.XYZQUATToSE3(target)
+        difference = twist = None
+
+        def linearised(joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+            nonlocal difference, twist
+            columns = jacobian(model, data, joint_positions, frame, local)
+            difference = placement.actInv(goal)
+            twist = log6(difference).vector
+            return twist, columns
+
+        def residuals() -> tuple[float, float]:
+            assert difference is not None and twist is not None
+            return hypot(*difference.translation.tolist()), hypot(*twist[3:].tolist())
 
         def error(joint_positions: FloatArray) -> PoseError:
-            forward(model, data, joint_positions)
-            difference = placements[frame].actInv(goal)
-            x, y, z = difference.translation.tolist()
-            twist: FloatArray = log6(difference).vector
-            a, b, c = twist[3:].tolist()
-            return PoseError(twist, sqrt(x * x + y * y + z * z), sqrt(a * a + b * b + c * c))
+            return PoseError(linearised(joint_positions)[0], *residuals())
 
-        def derivative(joint_positions: FloatArray) -> FloatArray:
-            columns: FloatArray = jacobian(model, data, joint_positions, frame, local)
-            return columns
-
-        return PoseErrorFunction(error, derivative)
+        return PoseErrorFunction(error, linearised, residuals)
 
     @cached_property
     def joint_origins(self) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,7 +99,7 @@ class IkSolver:
         checked = self._checked(pose, reference)
         if isinstance(checked, IkResult):
             return checked
-        answer = self.artifact.joint_positions(checked.resolved.pose[np.newaxis])[0]
+        answer = self.artifact.joint_positions_at(checked.resolved.pose)
         return self._result(checked, answer, previous_positions)
 
     def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
@@ -198,8 +199,7 @@ class IkSolver:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Target:
+class _Target(NamedTuple):
     """A target that may be answered.
 
     Attributes:

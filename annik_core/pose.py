@@ -30,6 +30,8 @@ POSE_FIELDS = (
 
 #: How far a quaternion's norm may be from one and still be normalised rather than refused.
 QUATERNION_NORM_TOLERANCE = 1e-3
+#: A norm this close to one is one, to rounding.
+_ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 
 def checked_pose(pose: ArrayLike) -> FloatArray:
@@ -53,14 +55,14 @@ def checked_pose(pose: ArrayLike) -> FloatArray:
         raise WrongShape("pose", checked.shape, "(7,): x, y, z, qx, qy, qz, qw")
     # Python's own numbers: for seven of them NumPy's functions take several times as long.
     numbers = checked.tolist()
-    for field, number in zip(POSE_FIELDS, numbers, strict=True):
-        if not math.isfinite(number):
-            raise NonFiniteValue(field, number)
+    if not all(map(math.isfinite, numbers)):
+        index = [math.isfinite(number) for number in numbers].index(False)
+        raise NonFiniteValue(POSE_FIELDS[index], numbers[index])
     norm = math.hypot(*numbers[3:])
     deviation = abs(norm - 1.0)
     if not deviation <= QUATERNION_NORM_TOLERANCE:
         raise NotUnitQuaternion(norm, QUATERNION_NORM_TOLERANCE)
-    if deviation > 4 * np.finfo(np.float64).eps:
+    if deviation > _ROUNDING:
         checked[3:] /= norm
     return checked
 

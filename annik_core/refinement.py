@@ -20,6 +20,7 @@ References:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -27,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dgesv, dposv
 
 from annik_core.errors import AnnikError
 from annik_core.fold_reflection import reflected_across_fold
@@ -37,6 +38,11 @@ from annik_core.robot import ForwardKinematics, PoseErrorFunction
 
 #: c, the damping for an error of 1 m or 1 rad.
 _DAMPING = 0.01
+#: Below this squared error [m^2 and rad^2] a Newton step is tried first, without damping: it is
+#: quicker to compute,
+_NEAR = 0.01
+#: and taken if its squared length is below this [rad^2 or m^2], as it is not at a singularity.
+_SHORT = 0.04
 #: b, which keeps the system solvable at a singularity.
 _LEAST_DAMPING = 1e-12
 #: Identity matrices by size.
@@ -132,7 +138,7 @@ class Refinement:
     ) -> Refined:
         """Search anew on the other side of the nearest folds, with the steps that are left."""
         starts = [
-            self._projected(reflected_across_fold(function.jacobian, positions, self._free))
+            self._projected(reflected_across_fold(_jacobian_of(function), positions, self._free))
             for positions in (begin, first.joint_positions)
         ]
         starts.sort(key=lambda start: float(np.linalg.norm(function.error(start).twist)))
@@ -147,33 +153,36 @@ class Refinement:
 
     def _search(self, function: PoseErrorFunction, start: FloatArray, most: int) -> Refined:
         positions, last, steps = start, math.inf, 0
-        tolerance = self.options.tolerance
+        close = self.options.tolerance**2
         while True:
-            twist, position, orientation = function.error(positions)
-            converged = position <= tolerance and orientation <= tolerance
-            if converged or steps >= most:
-                break
+            twist, jacobian = function.linearised(positions)
             squared = float(twist.dot(twist))
             # Not '<=': NaN ends it too.
-            if steps >= _PATIENCE and not squared <= _STUCK * last:
+            stuck = steps >= _PATIENCE and not squared <= _STUCK * last
+            if squared <= close or steps >= most or stuck:
                 break
-            step = self._step(function.jacobian(positions), twist, squared, positions)
+            step = self._step(jacobian, twist, squared, positions)
             if step is None:
                 break
             positions, last = step, squared
             steps += 1
+        position, orientation = function.residuals()
+        tolerance = self.options.tolerance
+        converged = position <= tolerance and orientation <= tolerance
         return Refined(positions, position, orientation, steps, converged)
 
     def _step(
         self, jacobian: FloatArray, twist: FloatArray, squared: float, positions: FloatArray
     ) -> FloatArray | None:
         """Joint positions one step on, inside the box; None if there is no such step."""
-        damping = _DAMPING * squared + _LEAST_DAMPING
         moving = self._free
         some_locked = len(moving) < len(positions)
         if some_locked:
             jacobian = jacobian[:, moving]
-        motion = _damped_least_squares(jacobian, twist, damping)
+        motion = _short_newton_step(jacobian, twist) if squared < _NEAR else None
+        damping = _DAMPING * squared + _LEAST_DAMPING
+        if motion is None:
+            motion = _damped_least_squares(jacobian, twist, damping)
         if motion is None:
             return None
         if some_locked:
@@ -231,6 +240,18 @@ class Refinement:
     def _free(self) -> NDArray[np.int64]:
         """Indices of the joints that the box does not lock."""
         return np.flatnonzero(self.box.upper > self.box.lower)
+
+
+def _jacobian_of(function: PoseErrorFunction) -> Callable[[FloatArray], FloatArray]:
+    return lambda joint_positions: function.linearised(joint_positions)[1]
+
+
+def _short_newton_step(jacobian: FloatArray, twist: FloatArray) -> FloatArray | None:
+    """The motion of J dq = e, if there is one and it is short: then no damping is needed."""
+    if len(twist) != jacobian.shape[1]:
+        return None
+    _, _, motion, fault = dgesv(jacobian, twist)
+    return motion if not fault and motion.dot(motion) < _SHORT else None
 
 
 def _damped_least_squares(

@@ -37,11 +37,14 @@ class PoseErrorFunction(NamedTuple):
 
     Attributes:
         error: the error at joint positions.
-        jacobian: ``(6, dof)``; to first order, ``jacobian(q) @ dq`` takes ``dq`` off the twist.
+        linearised: its twist ``(6,)`` there, and the Jacobian ``(6, dof)``: to first order, a
+            motion ``dq`` takes ``jacobian @ dq`` off the twist. For the inside of a search.
+        residuals: distance [m] and angle [rad] at the joint positions that were linearised last.
     """
 
     error: Callable[[FloatArray], PoseError]
-    jacobian: Callable[[FloatArray], FloatArray]
+    linearised: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    residuals: Callable[[], tuple[float, float]]
 
 
 class ForwardKinematics(Protocol):
@@ -74,11 +77,14 @@ def base_frame_error_to(kinematics: ForwardKinematics, target: FloatArray) -> Po
             np.concatenate([position, rotation]), math.hypot(*position), math.hypot(*rotation)
         )
 
-    def jacobian(joint_positions: FloatArray) -> FloatArray:
-        derivatives: FloatArray = kinematics.jacobians(joint_positions[np.newaxis])[0]
-        return derivatives
+    last = PoseError(np.full(6, math.nan), math.nan, math.nan)
 
-    return PoseErrorFunction(error, jacobian)
+    def linearised(joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        nonlocal last
+        last = error(joint_positions)
+        return last.twist, kinematics.jacobians(joint_positions[np.newaxis])[0]
+
+    return PoseErrorFunction(error, linearised, lambda: (last.position, last.orientation))
 
 
 class ResolvedTarget(NamedTuple):

@@ -63,8 +63,11 @@ def _reaches(
 ) -> bool:
     """Whether some joint positions of the box on the branch of this sign reach a pose."""
     free = np.flatnonzero(robot.joint_box.upper > robot.joint_box.lower)
-    jacobian = robot.forward_kinematics.error_to(pose).jacobian
-    for start in (reflected_across_fold(jacobian, other, free), robot.joint_box.centre):
+    function = robot.forward_kinematics.error_to(pose)
+    beyond = reflected_across_fold(
+        lambda positions: function.linearised(positions)[1], other, free
+    )
+    for start in (beyond, robot.joint_box.centre):
         found = refinement.refined(start, pose)
         signs = branch_signs(robot, found.joint_positions[np.newaxis])
         if found.converged and signs is not None and signs[0] == sign:

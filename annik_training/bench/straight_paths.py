@@ -105,10 +105,10 @@ def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray 
         function = robot.forward_kinematics.error_to(pose)
         found = positions
         for _ in range(_NEWTON_STEPS):
-            twist = function.error(found).twist
+            twist, jacobian = function.linearised(found)
             if np.linalg.norm(twist) <= _LEFT:
                 break
-            jacobian = function.jacobian(found)[:, free]
+            jacobian = jacobian[:, free]
             damped = jacobian @ jacobian.T + _DAMPING * np.eye(6)
             found = found.copy()
             found[free] += jacobian.T @ np.linalg.solve(damped, twist)
@@ -120,7 +120,7 @@ def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray 
             return None
         if len(free) == 6:
             # Singular where the determinant is zero; so its sign tells the sides apart.
-            sign = float(np.sign(np.linalg.det(function.jacobian(found)[:, free])))
+            sign = float(np.sign(np.linalg.det(function.linearised(found)[1][:, free])))
             if side not in (0.0, sign):
                 return None
             side = sign

@@ -304,7 +304,7 @@ class TestKinematics:
         step = 1e-6
         for q in anywhere(arm, 20):
             function = arm.forward_kinematics.error_to(arm.forward_kinematics.poses(q[None])[0])
-            for index, column in enumerate(function.jacobian(q).T):
+            for index, column in enumerate(function.linearised(q)[1].T):
                 aside = step * np.eye(arm.dof)[index]
                 slope = (function.error(q - aside).twist - function.error(q + aside).twist) / step
                 assert column == pytest.approx(slope / 2, abs=1e-7)
@@ -316,9 +316,9 @@ class TestKinematics:
             own = arm.forward_kinematics.error_to(target)
             plain = base_frame_error_to(arm.forward_kinematics, target)
             assert own.error(start)[1:] == pytest.approx(plain.error(start)[1:], abs=1e-9)
-            gram = own.jacobian(start).T @ own.jacobian(start)
+            gram = own.linearised(start)[1].T @ own.linearised(start)[1]
             assert gram == pytest.approx(
-                plain.jacobian(start).T @ plain.jacobian(start), abs=1e-12
+                plain.linearised(start)[1].T @ plain.linearised(start)[1], abs=1e-12
             )
 
     def test_errors_to_several_targets_do_not_disturb_each_other(self, arm: Robot) -> None:
@@ -326,14 +326,14 @@ class TestKinematics:
         kinematics = arm.forward_kinematics
         q = anywhere(arm, 3)
         one, other = (kinematics.error_to(pose) for pose in kinematics.poses(q[:2]))
-        twist, jacobian = one.error(q[2]).twist.copy(), one.jacobian(q[2]).copy()
-        kept = one.error(q[2]).twist, one.jacobian(q[2])
+        twist, jacobian = one.error(q[2]).twist.copy(), one.linearised(q[2])[1].copy()
+        kept = one.error(q[2]).twist, one.linearised(q[2])[1]
         other.error(q[0])
-        other.jacobian(q[1])
+        other.linearised(q[1])
         kinematics.poses(q)
         assert np.array_equal(kept[0], twist)
         assert np.array_equal(kept[1], jacobian)
-        assert np.array_equal(one.jacobian(q[2]), jacobian)
+        assert np.array_equal(one.linearised(q[2])[1], jacobian)
         assert np.array_equal(one.error(q[2]).twist, twist)
 
 

@@ -39,6 +39,10 @@ class StandInNetwork:
         """As the artifact's."""
         return self.answer(poses)
 
+    def joint_positions_at(self, pose: FloatArray) -> FloatArray:
+        """As the artifact's."""
+        return self.answer(pose[np.newaxis])[0]
+
 
 @pytest.fixture(scope="module")
 def packaged() -> IkSolver:
