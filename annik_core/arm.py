@@ -143,7 +143,8 @@ class ArmWorkspace:
 
     def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`: every pose is taken as it is."""
-        distance = dist(pose[:3], self.centre)
+        # Python's own numbers: three of them are not worth a call of NumPy.
+        distance = dist(pose.tolist()[:3], self._centre)
         violation = None
         if distance > self.reach:
             violation = (
@@ -151,6 +152,11 @@ class ArmWorkspace:
                 f"{self.reach:.6g} m"
             )
         return ResolvedTarget(pose, violation, _NO_REFERENCE)
+
+    @cached_property
+    def _centre(self) -> list[float]:
+        coordinates: list[float] = self.centre.tolist()
+        return coordinates
 
     def reference(self, joint_positions: FloatArray) -> FloatArray:
         """Nothing: an arm's answer depends on the pose alone."""
