@@ -35,8 +35,12 @@ def _pinocchio() -> Any:
     """Pinocchio, which only arms need."""
     try:
         import pinocchio
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingDependency("pinocchio", "the kinematics of arms", _REMEDY) from error
+    except ImportError as error:
+        raise MissingDependency(
+            "pinocchio", "the kinematics of arms", f"it is installed, but fails: {error}"
+        ) from error
     if not hasattr(pinocchio, "buildModelFromXML"):
         # Another project has this name on PyPI.
         raise MissingDependency(
@@ -126,7 +130,31 @@ class ArmKinematics(ForwardKinematics):
         model = pin.buildModelFromXML(self.urdf)
         # Joints are frames too, and one may have the name of a link.
         frame = model.getFrameId(self.end_effector_frame, pin.FrameType.BODY)
-        return pin, model, model.createData(), frame
+        data = model.createData()
+        _check_placement(pin, model, data, frame)
+        return pin, model, data, frame
+
+
+def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
+    """Make sure that the frame's placement is where :meth:`ArmKinematics.error_to` looks for it.
+
+    Pinocchio does not promise to leave it there.
+
+    Raises:
+        MissingDependency: if this version of it does not.
+    """
+    for position in (0.3, -0.7):
+        positions = np.full(model.nq, position)
+        pin.framesForwardKinematics(model, data, positions)
+        expected = data.oMf[frame].copy()
+        data.iMf[0] = pin.SE3.Identity()
+        pin.computeFrameJacobian(model, data, positions, frame, pin.LOCAL)
+        if not data.iMf[0].isApprox(expected, 1e-9):
+            raise MissingDependency(
+                "pinocchio",
+                "the kinematics of arms",
+                f"version {pin.__version__} computes Jacobians in another way; install 4.1",
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ class ArtifactMetadata:
         hidden_units: sizes of the hidden layers.
         design: name of the design of experiments.
         design_options: its options.
-        examples: number of distinct examples, held-out ones included.
+        examples: number of distinct examples, held-out ones and second solutions included.
         held_out_examples: how many of them only chose the winner among the restarts.
         dataset_hash: SHA-256 of the examples.
         seed: the seed that everything random was drawn from.

@@ -8,7 +8,7 @@ from functools import cached_property
 from operator import le
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import FloatArray
@@ -71,6 +71,11 @@ class JointLimits:
             values = joint_positions.tolist()
             return all(map(le, lower, values)) and all(map(le, values, upper))
         return bool(((joint_positions >= self.lower) & (joint_positions <= self.upper)).all())
+
+    @cached_property
+    def free(self) -> NDArray[np.int64]:
+        """Indices ``(free,)`` of the joints that are not locked."""
+        return np.flatnonzero(self.upper > self.lower)
 
     @cached_property
     def _bounds(self) -> tuple[list[float], list[float]]:

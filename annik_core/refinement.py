@@ -22,11 +22,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dgesv, dposv
 
@@ -123,13 +121,15 @@ class Refinement:
         """The solution for a target ``(7,)`` that a search from ``start`` ``(dof,)`` finds.
 
         Args:
-            start: finite joint positions, usually the network's answer; moved into the box first.
+            start: joint positions, usually the network's answer; moved into the box first. If they
+                are not finite, nothing is searched.
             target: a checked pose.
         """
         function = self.kinematics.error_to(target)
         begin = self._projected(start)
         result = self._search(function, begin, self.options.max_newton_steps)
-        if result.converged or result.newton_steps == self.options.max_newton_steps:
+        lost = math.isnan(result.position_residual)
+        if lost or result.converged or result.newton_steps == self.options.max_newton_steps:
             return result
         return self._beyond_the_fold(function, begin, result)
 
@@ -137,11 +137,17 @@ class Refinement:
         self, function: PoseErrorFunction, begin: FloatArray, first: Refined
     ) -> Refined:
         """Search anew on the other side of the nearest folds, with the steps that are left."""
-        starts = [
-            self._projected(reflected_across_fold(_jacobian_of(function), positions, self._free))
-            for positions in (begin, first.joint_positions)
-        ]
-        starts.sort(key=lambda start: float(np.linalg.norm(function.error(start).twist)))
+        known = [begin, first.joint_positions]
+        for positions in tuple(known):
+            beyond = self._projected(
+                reflected_across_fold(jacobian_of(function), positions, self.box.free)
+            )
+            # Where there is no fold it would be the same search again.
+            if not any(np.array_equal(beyond, other) for other in known):
+                known.append(beyond)
+        starts = sorted(
+            known[2:], key=lambda start: float(np.linalg.norm(function.error(start).twist))
+        )
         steps = first.newton_steps
         for start in starts:
             result = self._search(function, start, self.options.max_newton_steps - steps)
@@ -157,9 +163,9 @@ class Refinement:
         while True:
             twist, jacobian = function.linearised(positions)
             squared = float(twist.dot(twist))
+            stuck = steps >= _PATIENCE and squared > _STUCK * last
             # Not '<=': NaN ends it too.
-            stuck = steps >= _PATIENCE and not squared <= _STUCK * last
-            if squared <= close or steps >= most or stuck:
+            if not squared > close or steps >= most or stuck:
                 break
             step = self._step(jacobian, twist, squared, positions)
             if step is None:
@@ -175,7 +181,7 @@ class Refinement:
         self, jacobian: FloatArray, twist: FloatArray, squared: float, positions: FloatArray
     ) -> FloatArray | None:
         """Joint positions one step on, inside the box; None if there is no such step."""
-        moving = self._free
+        moving = self.box.free
         some_locked = len(moving) < len(positions)
         if some_locked:
             jacobian = jacobian[:, moving]
@@ -212,8 +218,8 @@ class Refinement:
             candidate: ``(dof,)`` where it would end without the box; is changed.
         """
         lower, upper = self.box.lower, self.box.upper
-        moving, columns = self._free, np.arange(len(self._free))
-        for _ in range(len(self._free)):
+        moving, columns = self.box.free, np.arange(len(self.box.free))
+        for _ in range(len(self.box.free)):
             outside = (candidate[moving] < lower[moving]) | (candidate[moving] > upper[moving])
             if not outside.any():
                 break
@@ -236,13 +242,9 @@ class Refinement:
         )
         return projected
 
-    @cached_property
-    def _free(self) -> NDArray[np.int64]:
-        """Indices of the joints that the box does not lock."""
-        return np.flatnonzero(self.box.upper > self.box.lower)
 
-
-def _jacobian_of(function: PoseErrorFunction) -> Callable[[FloatArray], FloatArray]:
+def jacobian_of(function: PoseErrorFunction) -> Callable[[FloatArray], FloatArray]:
+    """The Jacobian ``(6, dof)`` alone as a function of joint positions ``(dof,)``."""
     return lambda joint_positions: function.linearised(joint_positions)[1]
 
 

@@ -19,6 +19,8 @@ from annik_core.robot import checked_name
 MOVING_TYPES = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
 #: A continuous joint may be commanded this far either way [rad]; a URDF gives it no limits.
 CONTINUOUS_LIMIT = 2.0 * math.pi
+#: More joints than any arm has, fixed ones included; Pinocchio's reader nests that deep.
+MAX_CHAIN = 256
 #: A description is some 100 kB with all its links; one of many times that is a mesh by mistake.
 MAX_LENGTH = 16 * 1024 * 1024
 #: How a text may begin that was a file of Windows.
@@ -99,7 +101,12 @@ def serial_chain(
             )
     base = base_frame or _only_root(links, by_child, source)
     tip = end_effector_frame or _only_tip(links, joints, base, by_child, source)
-    chain = _path(base, tip, by_child, source)
+    path = _path(base, tip, by_child, source)
+    if len(path) > MAX_CHAIN:
+        raise InvalidRobotDefinition(
+            source, f"the chain has {len(path)} joints, fixed ones included, more than {MAX_CHAIN}"
+        )
+    chain = [_ChainJoint.of(joint, source) for joint in path]
     moving = [joint for joint in chain if joint.kind != "fixed"]
     for joint in moving:
         joint.check(source)
@@ -128,6 +135,25 @@ class _Joint:
     kind: str
     parent: str
     child: str
+    element: ElementTree.Element
+
+    @classmethod
+    def read(cls, element: ElementTree.Element, source: str) -> _Joint:
+        name = _attribute(element, "name", "a joint", source)
+        what = f"joint {name!r}"
+        return cls(
+            name=name,
+            kind=_attribute(element, "type", what, source),
+            parent=_linked(element, "parent", what, source),
+            child=_linked(element, "child", what, source),
+            element=element,
+        )
+
+
+@dataclass(frozen=True)
+class _ChainJoint(_Joint):
+    """A joint of the chain, with its numbers; nobody needs those of the others."""
+
     xyz: tuple[float, ...]
     rpy: tuple[float, ...]
     axis: tuple[float, ...]
@@ -136,18 +162,17 @@ class _Joint:
     mimicked: str | None
 
     @classmethod
-    def read(cls, element: ElementTree.Element, source: str) -> _Joint:
-        name = _attribute(element, "name", "a joint", source)
-        what = f"joint {name!r}"
-        kind = _attribute(element, "type", what, source)
+    def of(cls, joint: _Joint, source: str) -> _ChainJoint:
+        what, kind = f"joint {joint.name!r}", joint.kind
         origin, axis, limit, mimic = (
-            element.find(tag) for tag in ("origin", "axis", "limit", "mimic")
+            joint.element.find(tag) for tag in ("origin", "axis", "limit", "mimic")
         )
         return cls(
-            name=name,
+            name=joint.name,
             kind=kind,
-            parent=_linked(element, "parent", what, source),
-            child=_linked(element, "child", what, source),
+            parent=joint.parent,
+            child=joint.child,
+            element=joint.element,
             xyz=_vector(origin, "xyz", (0.0, 0.0, 0.0), what, source),
             rpy=_vector(origin, "rpy", (0.0, 0.0, 0.0), what, source),
             axis=_vector(axis, "xyz", (1.0, 0.0, 0.0), what, source),
@@ -353,7 +378,7 @@ def _listed(names: Sequence[str], most: int = 12) -> str:
     return f"{listed}, ..." if len(names) > most else listed
 
 
-def _written(name: str, base: str, chain: Sequence[_Joint]) -> str:
+def _written(name: str, base: str, chain: Sequence[_ChainJoint]) -> str:
     """The chain as URDF text. ``repr`` keeps every number to the last bit."""
     root = ElementTree.Element("robot", name=name)
     ElementTree.SubElement(root, "link", name=base)

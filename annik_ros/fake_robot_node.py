@@ -20,6 +20,7 @@ from annik_core.stamp_pairing import StampPairing
 from annik_core.tracking_error import tracking_error
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
+from annik_ros.parameter_table import InvalidParameter
 from annik_ros.parameters import FakeRobotParameters
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.spin import run_node
@@ -139,6 +140,11 @@ def _refusal_reason(error: AnnikError) -> str:
 
 
 def _load(parameters: FakeRobotParameters) -> Robot:
+    frames = [name for name in ("base_frame", "end_effector_frame") if getattr(parameters, name)]
+    if parameters.model and frames:
+        raise InvalidParameter(
+            frames[0], getattr(parameters, frames[0]), "empty beside model, which has its own"
+        )
     if parameters.model:
         return load_artifact(parameters.model).robot
     return load_robot(

@@ -27,7 +27,7 @@ def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None
         +1 or -1 per example. None for the gantry, which has one branch, and for an arm that has
         not six joints that move: then the Jacobian has no determinant.
     """
-    free = np.flatnonzero(robot.joint_box.upper > robot.joint_box.lower)
+    free = robot.joint_box.free
     if robot.kind != "arm" or len(free) != 6:
         return None
     jacobians = robot.forward_kinematics.jacobians(joint_positions)[:, :, free]

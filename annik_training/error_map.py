@@ -30,7 +30,7 @@ _DOTS_PER_INCH: Final = 150
 def error_map(measured: Measured) -> bytes:
     """Draw the picture; at least one pose must have been measured."""
     robot = measured.dataset.robot
-    free = np.flatnonzero(robot.joint_box.upper > robot.joint_box.lower)
+    free = robot.joint_box.free
     rows = -(-(len(free) + 1) // _COLUMNS)
     figure = Figure(figsize=(2.6 * _COLUMNS, 2.3 * rows + 0.5), dpi=_DOTS_PER_INCH)
     FigureCanvasAgg(figure)

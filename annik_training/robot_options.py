@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -49,7 +48,7 @@ def _frame_options() -> tuple[Any, ...]:
             multiple=True,
             metavar="JOINT=LOWER:UPPER",
             help="Of an arm: where a joint works [rad or m]; once for each joint. JOINT=VALUE "
-            "locks it.",
+            "locks it; the last one for a joint counts.",
         ),
     )
 
@@ -67,17 +66,11 @@ def chosen_robot(
     """
     from annik_core.robot_library import load_robot
 
-    boxes = [_bounds(text) for text in joint_box]
-    repeated = [
-        joint for joint, count in Counter(joint for joint, _ in boxes).items() if count > 1
-    ]
-    if repeated:
-        raise InvalidJointBox(repeated[0], "given more than once")
     return load_robot(
         Path(robot) if Path(robot).suffix else robot,
         base_frame=base_frame,
         end_effector_frame=end_effector_frame,
-        joint_box=dict(boxes) or None,
+        joint_box=dict(map(_bounds, joint_box)) or None,
     )
 
 
@@ -89,13 +82,13 @@ def _bounds(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         numbers = []
     if not joint or not equals or len(numbers) not in (1, 2):
-        raise InvalidJointBox(text, "not of the form JOINT=LOWER:UPPER [rad or m]")
+        raise InvalidJointBox(text)
     return joint, (numbers[0], numbers[-1])
 
 
 class InvalidJointBox(AnnikError):
-    """An entry of a joint box can't be used."""
+    """An entry of a joint box can't be read."""
 
-    def __init__(self, text: str, problem: str) -> None:
+    def __init__(self, text: str) -> None:
         self.text = text
-        super().__init__(f"--joint-box {text!r} is {problem}")
+        super().__init__(f"--joint-box {text!r} is not of the form JOINT=LOWER:UPPER [rad or m]")

@@ -14,6 +14,8 @@ What is measured, for one arm and its working joint box:
   collection is off meanwhile. All targets are gone through three times, and the median of its
   three calls is the time of a target: a call that the system interrupted says nothing of the
   solver. Median, p99 and worst are over the targets, failed ones included.
+- *Alone*: the same, single calls, a hundred targets in a row by one solver before the next has
+  its turn: its code and data are then in the processor's caches.
 - *Straight paths*: 200 lines of 100 points that can be followed within the box without a jump
   (:mod:`annik_training.bench.straight_paths`). Solvers are not told the answer before: what is
   asked is whether an answer is a continuous function of the pose. The largest joint step is

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from annik_training.bench.measure_alone import BLOCK
 from annik_training.bench.measure_paths import FACTOR, MARGIN
 from annik_training.bench.results import BenchResults, BenchSettings
 from annik_training.bench.tables import COMPARABLE, BenchTable, Cell, bench_tables
@@ -79,11 +80,24 @@ def _about_paths(results: BenchResults) -> str:
     )
 
 
+def _about_alone(_: BenchResults) -> str:
+    return (
+        f"The same targets, {BLOCK} of them in a row by one solver before the next has its turn: "
+        "its code and data stay in the processor's caches; above, each call finds there what "
+        "ten others have left. A node is between the two. Single calls, interrupted or not; on a "
+        "machine that is shared the fastest tenth is the nearest to an idle one."
+    )
+
+
 def _about_throughput(_: BenchResults) -> str:
     return "annik takes a batch in one call; the others are called pose by pose."
 
 
-_ABOUT = {"Straight paths": _about_paths, "Throughput": _about_throughput}
+_ABOUT = {
+    "Each solver alone": _about_alone,
+    "Straight paths": _about_paths,
+    "Throughput": _about_throughput,
+}
 
 
 def _who(results: BenchResults) -> str:
@@ -120,4 +134,4 @@ def _markdown(table: BenchTable) -> str:
         *([f"**{cell.text}**" if cell.best else cell.text for cell in row] for row in table.rows),
     ]
     body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-    return f"## {table.title}\n\n{body}"
+    return f"#### {table.title}\n\n{body}"

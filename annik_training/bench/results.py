@@ -10,6 +10,7 @@ from annik_core.artifact import ModelArtifact
 from annik_core.share_directory import share_directory
 from annik_training.bench.conditions import Conditions
 from annik_training.bench.measure import TargetResult
+from annik_training.bench.measure_alone import AloneResult
 from annik_training.bench.measure_paths import PathResult
 from annik_training.bench.peers.peer import Kind, Peer
 
@@ -93,6 +94,7 @@ class BenchResults:
         solvers: who took part, in the order of the tables.
         skipped: each solver that did not, with the reason.
         targets: by the solvers' names.
+        alone: likewise.
         paths: likewise; empty if the robot has no such paths.
         lines_tried: to find the paths.
         throughput: poses per second by name and size of batch.
@@ -105,6 +107,7 @@ class BenchResults:
     solvers: Sequence[SolverEntry]
     skipped: Sequence[tuple[str, str]]
     targets: Mapping[str, TargetResult]
+    alone: Mapping[str, AloneResult]
     paths: Mapping[str, PathResult]
     lines_tried: int
     throughput: Mapping[str, Mapping[int, float]]
@@ -120,6 +123,7 @@ class BenchResults:
             "solvers": [asdict(solver) for solver in self.solvers],
             "skipped": [{"name": name, "reason": reason} for name, reason in self.skipped],
             "targets": {name: found.as_plain_data() for name, found in self.targets.items()},
+            "alone": {name: found.as_plain_data() for name, found in self.alone.items()},
             "paths": {name: found.as_plain_data() for name, found in self.paths.items()},
             "lines_tried": self.lines_tried,
             "poses_per_second": {

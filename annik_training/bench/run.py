@@ -10,6 +10,7 @@ from annik_core.artifact import ModelArtifact
 from annik_training.bench import throughput
 from annik_training.bench.conditions import conditions, load
 from annik_training.bench.measure import measure_targets
+from annik_training.bench.measure_alone import measure_alone
 from annik_training.bench.measure_paths import measure_paths
 from annik_training.bench.ours import our_solvers
 from annik_training.bench.peers.library import available_peers
@@ -56,14 +57,21 @@ def run_bench(
         for_paths,
         lambda done: on_progress("finding paths", done, settings.paths),
     )
+    targets = random_targets(robot, settings.targets, for_targets)
     load_before = load()
     on_targets = measure_targets(
         solvers,
-        random_targets(robot, settings.targets, for_targets),
+        targets,
         random_targets(robot, WARM_UP, for_warm_up),
         verifier,
         settings.rounds,
         lambda done: on_progress("targets", done, settings.rounds * settings.targets),
+    )
+    alone = measure_alone(
+        solvers,
+        targets,
+        robot.dof,
+        lambda done: on_progress("targets, each solver alone", done, settings.targets),
     )
     on_paths = (
         measure_paths(
@@ -87,6 +95,7 @@ def run_bench(
         solvers=[SolverEntry.of(solver) for solver in solvers],
         skipped=skipped,
         targets=on_targets,
+        alone=alone,
         paths=on_paths,
         lines_tried=tried,
         throughput=rates,

@@ -97,7 +97,7 @@ def straight_line(first: FloatArray, last: FloatArray, points: int) -> FloatArra
 def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray | None:
     """The solution ``(n, dof)`` along poses that begins at ``start``; None if it is lost."""
     box = robot.joint_box
-    free = np.flatnonzero(box.upper > box.lower)
+    free = box.free
     positions = start
     followed = []
     side = 0.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from annik_training.bench.measure import TargetResult
+from annik_training.bench.measure_alone import AloneResult
 from annik_training.bench.measure_paths import PathResult
 from annik_training.bench.results import BenchResults, SolverEntry
 
@@ -65,8 +66,11 @@ class _Column(Generic[Found]):
 
 
 def bench_tables(results: BenchResults) -> list[BenchTable]:
-    """Targets, paths (where there are some) and throughput."""
-    tables = [_table("Targets", results, results.targets, _TARGETS)]
+    """Targets, times alone, paths (where there are some) and throughput."""
+    tables = [
+        _table("Targets", results, results.targets, _TARGETS),
+        _table("Each solver alone", results, results.alone, _ALONE),
+    ]
     if results.paths:
         tables.append(_table("Straight paths", results, results.paths, _PATHS))
     sizes = next(iter(results.throughput.values())).keys()
@@ -137,6 +141,12 @@ _TARGETS: Sequence[_Column[TargetResult]] = (
     _Column("median [us]", lambda found: found.median_us, _microseconds),
     _Column("p99 [us]", lambda found: found.p99_us, _microseconds),
     _Column("worst [us]", lambda found: found.worst_us, _microseconds),
+    _Column("p99 / median", lambda found: found.p99_over_median, lambda value: f"{value:.1f}"),
+)
+_ALONE: Sequence[_Column[AloneResult]] = (
+    _Column("fastest tenth [us]", lambda found: found.fastest_tenth_us, _microseconds),
+    _Column("median [us]", lambda found: found.median_us, _microseconds),
+    _Column("p99 [us]", lambda found: found.p99_us, _microseconds),
     _Column("p99 / median", lambda found: found.p99_over_median, lambda value: f"{value:.1f}"),
 )
 _PATHS: Sequence[_Column[PathResult]] = (

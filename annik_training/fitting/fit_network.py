@@ -91,7 +91,7 @@ class Restart:
         training_error: on the examples that were fitted.
         held_out_error: on those that were held out; None if there are none.
         evaluations: evaluations of the residual.
-        weight_decay: the one used: the ridge, or what the evidence chose.
+        weight_decay: the one used: the ridge, or what the evidence chose; L-BFGS has none.
     """
 
     number: int
@@ -191,31 +191,40 @@ def fit_start(
     network.hidden.initialise(rng)
     scaled = scaled_examples(network, examples)
     with one_thread():
-        problem = SeparableProblem(
-            network.hidden,
-            scaled.rows(training),
-            options.ridge,
-            linear_path=options.linear_path,
-            slope_weight=options.slope_weight,
-            decay_hidden=options.bayesian_regularisation,
-        )
-        start = torch.cat(
-            [value.detach().reshape(-1) for value in network.hidden.parameters()]
-        ).numpy()
         if options.optimiser == "lbfgs":
             _silence(network)
             evaluations = minimise_all_weights(
                 network, scaled.rows(training), options.slope_weight, options.max_evaluations
             )
-            training_error = _error(network, scaled.rows(training))
+            training_error, decay = _error(network, scaled.rows(training)), 0.0
         else:
-            find = minimise_with_chosen_decay if options.bayesian_regularisation else minimise
-            weights, evaluations = find(problem, start, options.max_evaluations)
-            problem.assign(weights)
-            _take_over(network, problem, weights)
-            training_error = problem.mean_square_error(weights)
+            training_error, evaluations, decay = _minimise_separably(
+                network, scaled.rows(training), options
+            )
         held_out_error = _error(network, scaled.rows(held_out)) if len(held_out) else None
-    return network, Restart(number, training_error, held_out_error, evaluations, problem.ridge)
+    return network, Restart(number, training_error, held_out_error, evaluations, decay)
+
+
+def _minimise_separably(
+    network: ScaledNetwork, examples: ScaledExamples, options: FitOptions
+) -> tuple[float, int, float]:
+    """Fit by variable projection: the error that is left, evaluations, and the weight decay."""
+    problem = SeparableProblem(
+        network.hidden,
+        examples,
+        options.ridge,
+        linear_path=options.linear_path,
+        slope_weight=options.slope_weight,
+        decay_hidden=options.bayesian_regularisation,
+    )
+    start = torch.cat(
+        [value.detach().reshape(-1) for value in network.hidden.parameters()]
+    ).numpy()
+    find = minimise_with_chosen_decay if options.bayesian_regularisation else minimise
+    weights, evaluations = find(problem, start, options.max_evaluations)
+    problem.assign(weights)
+    _take_over(network, problem, weights)
+    return problem.mean_square_error(weights), evaluations, problem.ridge
 
 
 def untrained_network(examples: Examples, rows: Indices, options: FitOptions) -> ScaledNetwork:

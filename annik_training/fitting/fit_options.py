@@ -21,7 +21,7 @@ class FitOptions:
             are fitted, and the start with the smallest error on them wins.
         max_evaluations: most evaluations of the residual per start.
         ridge: see :class:`annik_training.fitting.separable_least_squares.SeparableProblem`; with
-            ``bayesian_regularisation`` it has no part.
+            ``bayesian_regularisation`` it has no part, nor with ``lbfgs``.
         linear_path: let the inputs reach the outputs directly too: y = A x + b + W phi(x), with
             A and b from least squares together with W, see
             :mod:`annik_training.fitting.separable_least_squares`.

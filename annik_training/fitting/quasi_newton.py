@@ -61,7 +61,10 @@ def minimise_all_weights(
 
     try:
         optimiser.step(error)  # type: ignore[no-untyped-call]
+        lost = not all(bool(torch.isfinite(weights).all()) for weights in network.parameters())
     except _EvaluationsUsedUp:
+        lost = True
+    if lost:
         with torch.no_grad():
             for weights, found in zip(network.parameters(), best, strict=True):
                 weights.copy_(found)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from urdf_texts import DECLARATION, J1, J2, TWO_JOINTS, joint, planar_arm, urdf
 
+from annik_core.arm import ArmKinematics
 from annik_core.errors import InvalidRobotDefinition, MissingDependency, WrongJointCount
 from annik_core.pose import FloatArray, pose_difference
 from annik_core.robot import Robot, base_frame_error_to
@@ -404,3 +405,14 @@ def test_a_nearer_end_effector_keeps_the_box_of_the_joints_that_are_left() -> No
     nearer = load_robot("ur5e", end_effector_frame="wrist_1_link")
     assert nearer.joint_names == whole.joint_names[:4]
     assert np.array_equal(nearer.joint_box.lower, whole.joint_box.lower[:4])
+
+
+def test_a_pinocchio_that_leaves_no_placement_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The residual of every command is read from there."""
+    import pinocchio
+
+    arm = load_robot("ur5e").forward_kinematics
+    monkeypatch.setattr(pinocchio, "computeFrameJacobian", lambda *_: np.zeros((6, 6)))
+    fresh = ArmKinematics(arm.joint_names, arm.urdf, arm.end_effector_frame)
+    with pytest.raises(MissingDependency, match="computes Jacobians in another way"):
+        fresh.joint_origins  # noqa: B018

@@ -307,3 +307,12 @@ def test_an_option_out_of_range_is_named(option: str, value: float) -> None:
 def test_options_at_the_ends_of_their_ranges(steps: int, tolerance: float) -> None:
     options = RefinementOptions(steps, tolerance)
     assert (options.max_newton_steps, options.tolerance) == (steps, tolerance)
+
+
+def test_a_start_that_is_not_finite_is_not_searched_from() -> None:
+    robot = robot_named("ur5e")
+    start = np.full(6, np.nan)
+    target = robot.forward_kinematics.poses(robot.joint_box.centre[np.newaxis])[0]
+    result = refinement_of(robot).refined(start, target)
+    assert not result.converged
+    assert result.newton_steps == 0

@@ -281,7 +281,12 @@ class TestTree:
         comb = [joint(f"j{i}", "l0", f"l{i + 1}", "fixed") for i in range(count)]
         refused(urdf(links, *comb), "several tips")
         line = [joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(count)]
-        refused(urdf(links, *line), "nothing moves between base_frame 'l0'")
+        refused(urdf(links, *line), "5000 joints, fixed ones included, more than 256")
+
+    def test_numbers_off_the_chain_are_nobody_s_concern(self) -> None:
+        finger = joint("j3", "b", "d", "prismatic", origin='rpy="0 0"', limit='lower="none"')
+        chain = serial_chain(urdf("abcd", J1, J2, finger), "test", None, "c")
+        assert chain.joint_names == ("j1", "j2")
 
 
 class TestJoints:

@@ -21,6 +21,7 @@ from annik_training.bench.asking import ask, balanced_order
 from annik_training.bench.command import NoModelForBench
 from annik_training.bench.conditions import Conditions
 from annik_training.bench.measure import TargetResult, measure_targets
+from annik_training.bench.measure_alone import AloneResult, measure_alone
 from annik_training.bench.measure_paths import PathResult, measure_paths
 from annik_training.bench.ours import NETWORK, REFINED, our_solvers
 from annik_training.bench.page import bench_page
@@ -377,6 +378,32 @@ def test_throughput_survives_a_solver_that_raises(poses) -> None:
     assert rates["stand-in"][1] > 0
 
 
+# --- alone ----------------------------------------------------------------------------------
+
+
+def test_alone_a_solver_has_its_turn_for_many_targets(poses, known) -> None:
+    """Its own time alone is counted."""
+    ticks = [0]
+    asked = []
+
+    def slow(name, duration):
+        def answer(positions):
+            asked.append(name)
+            ticks[0] += duration
+            return positions
+
+        return StandIn(name, known, answer)
+
+    solvers = [slow("a", 1000), slow("b", 3000)]
+    found = measure_alone(solvers, poses, 6, clock=lambda: ticks[0])
+    assert found["a"].median_us == 1.0
+    assert found["b"].p99_us == found["b"].fastest_tenth_us == 3.0
+    assert found["b"].p99_over_median == 1.0
+    half = len(asked) // 2
+    assert asked == ["a"] * half + ["b"] * half
+    assert half >= len(poses)
+
+
 # --- the page ---------------------------------------------------------------------------------
 
 
@@ -394,6 +421,7 @@ def results(**targets: TargetResult) -> BenchResults:
         solvers=[SolverEntry(name, "1", kinds.get(name, "numerical"), "") for name in targets],
         skipped=[("TRAC-IK", "not installed (pip install pytracik)")],
         targets=targets,
+        alone={name: AloneResult(20.0, 30.0, 15.0) for name in targets},
         paths={name: PathResult(5, 5, 0, 0.1, 1.0) for name in targets},
         lines_tried=9,
         throughput={name: {1: 1000.0, 64: 2000.0} for name in targets},
