@@ -12,6 +12,7 @@ from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_training.dataset import Dataset, compute_dataset
 from annik_training.fit import dataset_examples, fit
+from annik_training.fitting import quasi_newton
 from annik_training.fitting.fit_network import scaled_examples, untrained_network
 from annik_training.fitting.fit_options import FitOptions
 from annik_training.fitting.network import ScaledNetwork, Scaling
@@ -123,7 +124,7 @@ def test_never_more_evaluations_than_allowed_and_never_worse_than_the_start(
         counted.append(1)
         return answers_and_slopes(*arguments)
 
-    monkeypatch.setattr("annik_training.fitting.quasi_newton.answers_and_slopes", count)
+    monkeypatch.setattr(quasi_newton, "answers_and_slopes", count)
     assert minimise_all_weights(network, examples, 3.0, most) == len(counted) <= most
     end = square_error(network, examples, 3.0)
     assert end <= start * (1.0 + 1e-12)
