@@ -29,6 +29,8 @@ _REMEDY = "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio
 _NO_REFERENCE: FloatArray = np.zeros(0)
 #: No serial arm has as many joints that move.
 MAX_JOINTS = 32
+#: A full turn, to rounding [rad].
+_FULL_TURN = 2.0 * np.pi + 1e-9
 
 
 def _pinocchio() -> Any:
@@ -304,12 +306,9 @@ def _joint_box(
                 )
             lower[index], upper[index] = middle - np.pi, middle + np.pi
     box = JointLimits.from_bounds(chain.joint_names, lower, upper)
-    if not (box.upper > box.lower).any():
+    if len(box.free) == 0:
         raise InvalidRobotDefinition(source, "'joint_box' locks every joint: nothing moves")
     return box
-
-
-_FULL_TURN = 2.0 * np.pi + 1e-9
 
 
 def _workspace(kinematics: ArmKinematics, chain: SerialChain) -> ArmWorkspace:

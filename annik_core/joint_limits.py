@@ -63,6 +63,10 @@ class JointLimits:
         """``(dof,)``, the middle of each interval."""
         return 0.5 * (self.lower + self.upper)
 
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """``(count, dof)``: independent and uniform in every interval."""
+        return rng.uniform(self.lower, self.upper, (count, len(self.lower)))
+
     def contains(self, joint_positions: FloatArray) -> bool:
         """Whether ``(dof,)`` or every row of ``(n, dof)`` is inside. NaN is not."""
         if joint_positions.ndim == 1:

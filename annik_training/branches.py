@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from annik_core.fold_reflection import reflected_across_fold
 from annik_core.pose import FloatArray
-from annik_core.refinement import Refinement, RefinementOptions
+from annik_core.refinement import Refinement, RefinementOptions, jacobian_of
 from annik_core.robot import Robot
 
 #: Steps of the search for the other solution; nothing hurries here.
@@ -62,11 +62,8 @@ def _reaches(
     refinement: Refinement, robot: Robot, sign: float, other: FloatArray, pose: FloatArray
 ) -> bool:
     """Whether some joint positions of the box on the branch of this sign reach a pose."""
-    free = np.flatnonzero(robot.joint_box.upper > robot.joint_box.lower)
-    function = robot.forward_kinematics.error_to(pose)
-    beyond = reflected_across_fold(
-        lambda positions: function.linearised(positions)[1], other, free
-    )
+    jacobian = jacobian_of(robot.forward_kinematics.error_to(pose))
+    beyond = reflected_across_fold(jacobian, other, robot.joint_box.free)
     for start in (beyond, robot.joint_box.centre):
         found = refinement.refined(start, pose)
         signs = branch_signs(robot, found.joint_positions[np.newaxis])

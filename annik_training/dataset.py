@@ -110,8 +110,7 @@ def compute_dataset(
 
 def compute_random_dataset(robot: Robot, box: JointLimits, examples: int, seed: int) -> Dataset:
     """Uniformly random joint positions in a box, for evaluation."""
-    rng = np.random.default_rng(seed)
-    joint_positions = rng.uniform(box.lower, box.upper, (examples, robot.dof))
+    joint_positions = box.sample(examples, np.random.default_rng(seed))
     poses = robot.forward_kinematics.poses(joint_positions)
     return Dataset(robot, joint_positions, poses, "random", {"size": examples}, seed)
 

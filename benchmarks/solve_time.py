@@ -30,7 +30,7 @@ def main() -> None:
     solver = IkSolver.from_file(default_model_path())
     robot = solver.robot
     rng = np.random.default_rng(0)
-    joints = rng.uniform(robot.joint_box.lower, robot.joint_box.upper, (rounds, robot.dof))
+    joints = robot.joint_box.sample(rounds, rng)
     poses = robot.forward_kinematics.poses(joints)
     previous = robot.joint_box.centre
     parts: dict[str, Callable[[FloatArray], object]] = {

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from annik_core.pose import FloatArray
 from annik_core.robot import Robot
-from annik_training.bench.targets import random_configurations
 
 #: Small steps from one point of a path to the next.
 _SUBSTEPS = 4
@@ -74,7 +73,7 @@ def straight_paths(
     tried = 0
     while len(paths) < count and tried < _TRIES * count:
         tried += 1
-        first, last = random_configurations(robot, 2, rng)
+        first, last = robot.joint_box.sample(2, rng)
         ends = robot.forward_kinematics.poses(np.array([first, last]))
         fine = straight_line(ends[0], ends[1], (points - 1) * _SUBSTEPS + 1)
         followed = _followed(robot, fine, first)

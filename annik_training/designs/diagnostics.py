@@ -11,7 +11,6 @@ from scipy.stats import qmc
 
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
-from annik_training.designs.free_joints import free_joints
 from annik_training.designs.quadratic_model import quadratic_terms
 
 #: Singular values below this fraction of the largest count as zero.
@@ -62,7 +61,7 @@ def diagnose(joint_positions: FloatArray, box: JointLimits) -> DesignDiagnostics
         joint_positions: ``(n, dof)`` inside the box.
         box: the joint box; a locked joint takes no part.
     """
-    free = free_joints(box)
+    free = box.free
     lower, upper = box.lower[free], box.upper[free]
     scaled = 2.0 * (joint_positions[:, free] - lower) / (upper - lower) - 1.0
     terms = quadratic_terms(len(free))

@@ -22,7 +22,6 @@ from matplotlib.ticker import MaxNLocator
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
 from annik_training.designs.diagnostics import DesignDiagnostics, ModelRank
-from annik_training.designs.free_joints import free_joints
 from annik_training.designs.plot_axis import JointAxis, joint_axes
 
 _BLUE: Final = "#0072B2"
@@ -252,7 +251,7 @@ def _findings(diagnostics: DesignDiagnostics) -> list[str]:
 def _left_out(examples: int, box: JointLimits) -> list[str]:
     """What the panels don't show."""
     lines = []
-    locked = np.delete(box.joint_names, free_joints(box))
+    locked = np.delete(box.joint_names, box.free)
     if len(locked):
         lines.append(f"locked: {', '.join(locked)}")
     every = _drawn_every(examples)

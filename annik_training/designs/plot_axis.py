@@ -9,7 +9,6 @@ import numpy as np
 
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
-from annik_training.designs.free_joints import free_joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ def joint_axes(
         joint_types: ``revolute`` (drawn in degrees) or ``prismatic`` (in mm or m) for each joint.
     """
     axes = []
-    for joint in free_joints(box):
+    for joint in box.free:
         lower, upper = float(box.lower[joint]), float(box.upper[joint])
         unit, scale = _unit(joint_types[joint], max(abs(lower), abs(upper)))
         positions = scale * joint_positions[:, joint]

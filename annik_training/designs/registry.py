@@ -19,7 +19,7 @@ from annik_training.designs import (
     thirty_phase_plus_design,
     workspace_grid_design,
 )
-from annik_training.designs.free_joints import free_box, free_joints, with_locked_joints
+from annik_training.designs.free_joints import free_box, with_locked_joints
 
 
 class DesignSubject(Protocol):
@@ -220,7 +220,7 @@ def make_design(
             f"{', '.join((design.size_option, *design.options))}"
         )
     box = subject.joint_box
-    if len(free_joints(box)) == 0:
+    if len(box.free) == 0:
         raise UnsupportedRobotForDesign(name, subject.name, "all its joints are locked")
     rows = design.make(subject, size, np.random.default_rng(seed), **given)
     # Rounding must not leave the box.

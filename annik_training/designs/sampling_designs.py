@@ -21,7 +21,7 @@ def random_design(box: JointLimits, examples: int, rng: np.random.Generator) -> 
         InvalidDesignSize: if ``examples`` is out of range; likewise for the others.
     """
     _check("random", examples)
-    return rng.uniform(box.lower, box.upper, (examples, len(box.joint_names)))
+    return box.sample(examples, rng)
 
 
 def latin_hypercube_design(

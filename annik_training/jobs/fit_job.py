@@ -104,5 +104,4 @@ def unseen_examples(system: str) -> tuple[FloatArray, FloatArray]:
 
 def random_joint_positions(system: System, count: int, seed: int) -> FloatArray:
     """Independent and uniform in the joint box ``(count, dof)``."""
-    box = system.joint_box
-    return np.random.default_rng(seed).uniform(box.lower, box.upper, (count, len(box.lower)))
+    return system.joint_box.sample(count, np.random.default_rng(seed))

@@ -31,7 +31,7 @@ from annik_training.bench.results import BenchResults, BenchSettings, ModelEntry
 from annik_training.bench.robot_problem import NotAnArm, robot_problem
 from annik_training.bench.straight_paths import StraightPath, straight_line, straight_paths
 from annik_training.bench.tables import bench_tables
-from annik_training.bench.targets import random_configurations, random_targets
+from annik_training.bench.targets import random_targets
 from annik_training.bench.verification import Verifier
 from annik_training.cli import cli
 from annik_training.dataset import compute_dataset
@@ -74,7 +74,7 @@ def verifier(ur5e) -> Verifier:
 
 @pytest.fixture(scope="module")
 def configurations(ur5e):
-    return random_configurations(ur5e, 12, np.random.default_rng(5))
+    return ur5e.joint_box.sample(12, np.random.default_rng(5))
 
 
 @pytest.fixture(scope="module")
