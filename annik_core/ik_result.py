@@ -9,17 +9,28 @@ from annik_core.pose import FloatArray
 
 
 class IkStatus(Enum):
-    """Outcome of one target. Everything but ``SUCCESS`` is a refusal: nothing is commanded."""
+    """Outcome of one target. Everything but ``SUCCESS`` is a refusal: nothing is commanded.
+
+    In the order of the checks.
+    """
 
     SUCCESS = "success"
+    NOT_ACTIVE = "not active"
+    MALFORMED_MESSAGE = "malformed message"
+    WRONG_FRAME = "wrong frame"
+    STALE_TARGET = "stale target"
+    PATH_LENGTH = "path length"
+    OUTSIDE_WORKSPACE_BOX = "outside workspace box"
     NOT_FINITE = "not finite"
     NOT_UNIT_QUATERNION = "not a unit quaternion"
-    WRONG_FRAME = "wrong frame"
     OUTSIDE_WORKSPACE = "outside workspace"
     NOT_CONVERGED = "not converged"
     JOINT_LIMIT = "joint limit"
     RESIDUAL_TOO_LARGE = "residual too large"
     JOINT_STEP_TOO_LARGE = "joint step too large"
+    JOINT_VELOCITY_TOO_LARGE = "joint velocity too large"
+    FIRST_COMMAND_TOO_FAR = "first command too far"
+    TOO_FAR_FROM_MEASURED = "too far from measured"
     SOLVER_FAILED = "solver failed"
 
 
@@ -37,6 +48,7 @@ class IkResult:
         newton_steps: refinement steps taken; 0 in network mode.
         reason: one line saying why it was refused, with the value and the allowed range; empty on
             success.
+        target: ``(7,)`` as it was checked, its quaternion normalised; None if refused.
         reference: what to give the workspace with the next target, so that it stays on this
             solution where the pose leaves a choice; None if refused.
     """
@@ -47,6 +59,7 @@ class IkResult:
     orientation_residual: float
     newton_steps: int
     reason: str
+    target: FloatArray | None = None
     reference: FloatArray | None = None
 
     @property

@@ -195,7 +195,12 @@ class IkSolver:
             return IkResult.refused(status, violation, *residuals)
         answer.joint_positions.flags.writeable = False
         return IkResult(
-            IkStatus.SUCCESS, answer.joint_positions, *residuals, "", target.resolved.reference
+            IkStatus.SUCCESS,
+            answer.joint_positions,
+            *residuals,
+            "",
+            target.pose,
+            target.resolved.reference,
         )
 
 

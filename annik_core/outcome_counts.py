@@ -15,6 +15,7 @@ class OutcomeSummary:
         accepted: how many were acted on.
         refused: how many were not.
         refused_by_reason: the refused ones by reason, in the order of first occurrence.
+        accepted_in_period: how many were accepted in the last period.
         refused_in_period: how many were refused in the last period.
         rate: received per second in the last period [Hz]; 0 if it had no duration.
         last_refusal: why the latest one was refused, in one line; empty if none was.
@@ -24,6 +25,7 @@ class OutcomeSummary:
     accepted: int
     refused: int
     refused_by_reason: dict[str, int]
+    accepted_in_period: int
     refused_in_period: int
     rate: float
     last_refusal: str
@@ -38,7 +40,7 @@ class OutcomeCounts:
         self._refused: Counter[str] = Counter()
         self._last_refusal = ""
         self._period_start = now
-        self._received_before = 0
+        self._accepted_before = 0
         self._refused_before = 0
 
     def record_accepted(self) -> None:
@@ -60,11 +62,14 @@ class OutcomeCounts:
             accepted=self._accepted,
             refused=refused,
             refused_by_reason=dict(self._refused),
+            accepted_in_period=self._accepted - self._accepted_before,
             refused_in_period=refused - self._refused_before,
-            rate=(received - self._received_before) / duration if duration > 0 else 0.0,
+            rate=(received - self._accepted_before - self._refused_before) / duration
+            if duration > 0
+            else 0.0,
             last_refusal=self._last_refusal,
         )
         self._period_start = now
-        self._received_before = received
+        self._accepted_before = self._accepted
         self._refused_before = refused
         return summary

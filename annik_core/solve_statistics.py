@@ -1,18 +1,27 @@
-"""Counts of targets by outcome, and percentiles of the latest solve times."""
+"""Counts of targets by outcome, and percentiles of the latest times."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from annik_core.ik_result import IkResult
 from annik_core.outcome_counts import OutcomeCounts, OutcomeSummary
 
-#: How many of the latest solve times the percentiles are taken over.
-SOLVE_TIME_WINDOW = 1000
+#: How many of the latest times the percentiles are taken over.
+WINDOW = 1000
+
+
+class Percentiles(NamedTuple):
+    """Of the latest times [s]; NaN before the first."""
+
+    p50: float
+    p99: float
+    max: float
 
 
 @dataclass(frozen=True)
@@ -21,41 +30,52 @@ class SolveSummary:
 
     Attributes:
         outcomes: counts of the targets.
-        solve_time_p50: median time to answer a target [s]; NaN before the first.
-        solve_time_p99: 99th percentile [s]; NaN likewise.
-        solve_time_max: longest [s]; NaN likewise.
+        solve_time: time to answer a target.
+        latency: time from the arrival of an accepted target to its command.
     """
 
     outcomes: OutcomeSummary
-    solve_time_p50: float
-    solve_time_p99: float
-    solve_time_max: float
+    solve_time: Percentiles
+    latency: Percentiles
 
 
 class SolveStatistics:
     """Records the answers of a solver."""
 
-    def __init__(self, now: float, window: int = SOLVE_TIME_WINDOW) -> None:
+    def __init__(self, now: float, window: int = WINDOW) -> None:
         """Start counting at ``now`` [s] of a clock that never goes back.
 
         Args:
             now: start of the first period [s].
-            window: how many of the latest solve times to keep; at least 1.
+            window: how many of the latest times to keep; at least 1.
         """
         self._outcomes = OutcomeCounts(now)
         self._solve_times: deque[float] = deque(maxlen=max(1, window))
+        self._latencies: deque[float] = deque(maxlen=max(1, window))
 
-    def record(self, result: IkResult, solve_time: float) -> None:
-        """Count one answer and the time that it took [s]."""
-        self._solve_times.append(solve_time)
+    def record(self, result: IkResult, solve_time: float | None = None) -> None:
+        """Count one answer and the time that it took [s], if that is one target's."""
+        if solve_time is not None:
+            self._solve_times.append(solve_time)
         if result.accepted:
             self._outcomes.record_accepted()
         else:
             self._outcomes.record_refused(result.status.value, result.reason)
 
+    def record_latency(self, latency: float) -> None:
+        """Note the time from the arrival of an accepted target to its command [s]."""
+        self._latencies.append(latency)
+
     def end_period(self, now: float) -> SolveSummary:
         """Sum up, and begin a new period at ``now`` [s]."""
-        p50 = p99 = longest = math.nan
-        if self._solve_times:
-            p50, p99, longest = np.percentile(self._solve_times, [50, 99, 100]).tolist()
-        return SolveSummary(self._outcomes.end_period(now), p50, p99, longest)
+        return SolveSummary(
+            self._outcomes.end_period(now),
+            _percentiles(self._solve_times),
+            _percentiles(self._latencies),
+        )
+
+
+def _percentiles(times: deque[float]) -> Percentiles:
+    if not times:
+        return Percentiles(math.nan, math.nan, math.nan)
+    return Percentiles(*np.percentile(times, [50, 99, 100]).tolist())

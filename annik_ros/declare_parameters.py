@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TypeVar
 
 from rcl_interfaces.msg import (
@@ -14,7 +13,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as GivenParameter
 
-from annik_ros.parameter_table import InvalidParameter, Parameter, parameter_table
+from annik_core.errors import AnnikError
+from annik_ros.parameter_table import Parameter, parameter_table
 
 Parameters = TypeVar("Parameters")
 
@@ -32,12 +32,13 @@ def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
         The values given on the command line or in a file, the defaults for the rest.
 
     Raises:
+        AnnikError: if values contradict each other.
         InvalidParameter: if a value has the wrong type or is out of range; nothing but the
             parameters before it is declared.
     """
     rows = parameter_table(parameters)
     values = {row.name: _declare(node, row) for row in rows}
-    node.add_on_set_parameters_callback(_refusal_of(rows))
+    node.add_on_set_parameters_callback(lambda given: _validated(node, parameters, given))
     return parameters(**values)
 
 
@@ -62,29 +63,30 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
             message.floating_point_range = [
                 FloatingPointRange(from_value=float(row.minimum), to_value=float(row.maximum))
             ]
-        else:
+        elif isinstance(row.default, int):
             message.integer_range = [
                 IntegerRange(from_value=int(row.minimum), to_value=int(row.maximum))
             ]
     return message
 
 
-def _refusal_of(
-    rows: tuple[Parameter, ...],
-) -> Callable[[list[GivenParameter]], SetParametersResult]:
-    """Checks new values: by itself ROS knows types and ranges, but no choices."""
-    by_name = {row.name: row for row in rows}
-
-    def check(given: list[GivenParameter]) -> SetParametersResult:
-        try:
-            for parameter in given:
-                if parameter.name in by_name:
-                    by_name[parameter.name].checked(parameter.value)
-        except InvalidParameter as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    return check
+def _validated(
+    node: Node, parameters: type[Parameters], given: list[GivenParameter]
+) -> SetParametersResult:
+    """Whether new values may be set: by itself ROS knows types and ranges, but nothing else."""
+    new = {parameter.name: parameter.value for parameter in given}
+    rows = parameter_table(parameters)
+    try:
+        # All of them, since one may be wrong beside another only.
+        parameters(
+            **{
+                row.name: row.checked(new.get(row.name, node.get_parameter(row.name).value))
+                for row in rows
+            }
+        )
+    except AnnikError as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)
 
 
 def _declare(node: Node, row: Parameter) -> object:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -19,36 +21,58 @@ from msg_tools.topics import DIAGNOSTICS
 DIAGNOSTICS_PERIOD = 1.0
 
 
+#: Less than this part of the expected rate is a warning.
+_LEAST_RATE: Final = 0.8
+#: So many refused in a period, and none accepted, is an error.
+_MANY: Final = 10
+
+
+class Level(IntEnum):
+    """How serious a report is, as ``diagnostic_msgs/DiagnosticStatus`` counts."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
 @dataclass(frozen=True)
 class DiagnosticReport:
     """What a node says of itself.
 
     Attributes:
-        warning: whether a person should look.
+        level: whether a person should look.
         message: one line.
         hardware_id: the robot that it is about.
         values: everything else, as text by name.
     """
 
-    warning: bool
+    level: Level
     message: str
     hardware_id: str
     values: Mapping[str, str]
 
 
 def outcome_report(
-    what: str, outcomes: OutcomeSummary, hardware_id: str, values: Mapping[str, str]
+    what: str,
+    outcomes: OutcomeSummary,
+    hardware_id: str,
+    values: Mapping[str, str],
+    expected_rate: float = 0.0,
 ) -> DiagnosticReport:
     """The report of a node that accepts or refuses what it receives.
 
+    A warning if the last period had a refusal, or came at less than four fifths of the expected
+    rate. An error if it had ten refusals or more and nothing was accepted, or if nothing came at
+    all and something was expected.
+
     Args:
         what: what is received, in the singular, such as ``target``.
-        outcomes: what became of it; the report warns if the last period had a refusal.
+        outcomes: what became of it.
         hardware_id: the robot.
         values: what else to report, before the counts.
+        expected_rate: how many should come [Hz]; 0: not known.
     """
-    warning = outcomes.refused_in_period > 0
-    message = f"{outcomes.refused_in_period} refused: {outcomes.last_refusal}" if warning else "OK"
+    level, message = _verdict(what, outcomes, expected_rate)
     counts = {
         f"{what}s received": str(outcomes.received),
         f"{what}s accepted": str(outcomes.accepted),
@@ -61,22 +85,41 @@ def outcome_report(
         f"{what} rate [Hz]": f"{outcomes.rate:.1f}",
         "last refusal": outcomes.last_refusal,
     }
-    return DiagnosticReport(warning, message, hardware_id, {**values, **counts, **reasons, **last})
+    expected = {f"expected {what} rate [Hz]": f"{expected_rate:.1f}"} if expected_rate > 0 else {}
+    return DiagnosticReport(
+        level, message, hardware_id, {**values, **counts, **reasons, **expected, **last}
+    )
 
 
-def solve_time_values(summary: SolveSummary) -> dict[str, str]:
-    """The solve times of a summary as diagnostic values; ``nan`` before the first target."""
+def _verdict(what: str, outcomes: OutcomeSummary, expected_rate: float) -> tuple[Level, str]:
+    if outcomes.refused_in_period > 0:
+        none_accepted = outcomes.accepted_in_period == 0
+        serious = none_accepted and outcomes.refused_in_period >= _MANY
+        return (
+            Level.ERROR if serious else Level.WARN,
+            f"{outcomes.refused_in_period} refused: {outcomes.last_refusal}",
+        )
+    if outcomes.rate < _LEAST_RATE * expected_rate:
+        return (
+            Level.WARN if outcomes.rate > 0 else Level.ERROR,
+            f"{outcomes.rate:.1f} {what}s a second; {expected_rate:.1f} are expected",
+        )
+    return Level.OK, "OK"
+
+
+def time_values(summary: SolveSummary) -> dict[str, str]:
+    """The times of a summary as diagnostic values; ``nan`` before the first target."""
     return {
-        "solve time p50 [us]": f"{1e6 * summary.solve_time_p50:.1f}",
-        "solve time p99 [us]": f"{1e6 * summary.solve_time_p99:.1f}",
-        "solve time max [us]": f"{1e6 * summary.solve_time_max:.1f}",
+        f"{name} {key} [us]": f"{1e6 * value:.1f}"
+        for name, times in (("solve time", summary.solve_time), ("latency", summary.latency))
+        for key, value in times._asdict().items()
     }
 
 
 def diagnostic_array(report: DiagnosticReport, name: str, stamp: Time) -> DiagnosticArray:
     """The message of a report, under the name of its source."""
     status = DiagnosticStatus(
-        level=DiagnosticStatus.WARN if report.warning else DiagnosticStatus.OK,
+        level=bytes([report.level]),
         name=name,
         message=report.message,
         hardware_id=report.hardware_id,

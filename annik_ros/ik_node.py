@@ -3,32 +3,41 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
-from geometry_msgs.msg import Pose, PoseStamped
-from rclpy.node import Node
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
+from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from annik_core.artifact import default_model_path, load_artifact, model_path
-from annik_core.errors import AnnikError
-from annik_core.ik_server import Answer, IkServer
-from annik_core.unique_stamps import UniqueStamps
+from annik_core.errors import AnnikError, ConversionError
+from annik_core.ik_result import IkResult, IkStatus
+from annik_core.ik_server import IkServer
+from annik_ros.command_publishers import CommandPublishers
 from annik_ros.declare_parameters import current_parameters, declare_parameters
 from annik_ros.diagnostics import (
     DiagnosticReport,
     DiagnosticsPublisher,
+    Level,
     outcome_report,
-    solve_time_values,
+    time_values,
 )
-from annik_ros.parameters import IkNodeParameters
-from annik_ros.qos import RESULT_DEPTH, reliable
+from annik_ros.executors import make_executor
+from annik_ros.managed_node import ManagedNode, logged
+from annik_ros.measured_joint_positions import MeasuredJointPositions
+from annik_ros.parameters import ExecutorChoice, IkNodeParameters, OnRefusal
+from annik_ros.qos import reliable
 from annik_ros.spin import run_node
-from msg_tools.joint_state import joint_state_to_message
-from msg_tools.pose import pose_stamped_to_message, unchecked_pose_from_message
-from msg_tools.stamp import stamp_to_message
-from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, TARGET_POSE, TARGET_POSE_STAMPED
+from msg_tools.cdr import (
+    StampedPoses,
+    pose_array_from_bytes,
+    pose_from_bytes,
+    pose_stamped_from_bytes,
+)
+from msg_tools.topics import JOINT_COMMAND, TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES
 
 NODE_NAME = "ik_node"
 
@@ -36,98 +45,275 @@ NODE_NAME = "ik_node"
 WARNING_PERIOD = 1.0
 
 
-class IkNode(Node):
-    """Answers every target with one joint command, or refuses it and says why."""
+class Serving:
+    """What exists between configuring and cleaning up: a model, and how it is reached."""
 
-    def __init__(self) -> None:
-        """Load the model and begin to serve.
+    def __init__(self, node: IkNode, options: IkNodeParameters) -> None:
+        """Load the model and subscribe.
 
         Raises:
-            AnnikError: if a parameter or the model can't be used.
+            AnnikError: if the model can't be used.
+        """
+        self._node = node
+        solver = options.solver(load_artifact(_model_path(options)))
+        robot = solver.robot
+        self.measured = MeasuredJointPositions(
+            node, robot.joint_names, options.measurement_timeout
+        )
+        self.server = IkServer(solver, options.command_safety, self.measured)
+        self.publishers = CommandPublishers(node, robot, options)
+        targets = reliable(options.queue_depth)
+        self._subscriptions: list[Subscription] = [
+            node.create_subscription(message_type, topic.name, callback, targets, raw=True)
+            for message_type, topic, callback in (
+                (Pose, TARGET_POSE, node.on_target),
+                (PoseStamped, TARGET_POSE_STAMPED, node.on_stamped_target),
+                (PoseArray, TARGET_POSES, node.on_path),
+            )
+        ]
+
+    def apply(self, options: IkNodeParameters) -> None:
+        """Take over what may change while targets come; between two of them."""
+        self.server.solver = options.solver(self.server.solver.artifact)
+        self.server.safety = options.command_safety
+        self.measured.timeout = options.measurement_timeout
+        self.publishers.options = options
+
+    def destroy(self) -> None:
+        """Take everything off the node."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self.measured.destroy()
+        self.publishers.destroy()
+
+
+class IkNode(ManagedNode):
+    """Answers every target with one joint command, or refuses it and says why.
+
+    Attributes:
+        options: the values of its parameters.
+    """
+
+    def __init__(self) -> None:
+        """Begin to serve, or to wait for transitions.
+
+        Raises:
+            AnnikError: if a parameter can't be used, or the model with autostart.
         """
         super().__init__(NODE_NAME)
-        parameters = declare_parameters(self, IkNodeParameters)
-        solver = parameters.solver(load_artifact(_model_path(parameters)))
-        self._server = IkServer(solver)
-        self._stamps = UniqueStamps()
-        results = reliable(RESULT_DEPTH)
-        self._target_publisher = self.create_publisher(PoseStamped, ACCEPTED_TARGET.name, results)
-        self._command_publisher = self.create_publisher(JointState, JOINT_COMMAND.name, results)
-        targets = reliable(parameters.queue_depth)
-        self.create_subscription(Pose, TARGET_POSE.name, self._on_target, targets)
-        self.create_subscription(
-            PoseStamped, TARGET_POSE_STAMPED.name, self._on_stamped_target, targets
-        )
+        self.options = declare_parameters(self, IkNodeParameters)
+        self._serving: Serving | None = None
+        self._active = False
+        self._fault: AnnikError | None = None
         self.create_service(Trigger, "~/reload_model", self._on_reload)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
+        if self.options.autostart:
+            self.trigger_configure()
+            if self._fault is not None:
+                raise self._fault
+            self.trigger_activate()
+        else:
+            self.get_logger().info("unconfigured: waiting for lifecycle transitions")
+
+    @logged
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the model; nothing is commanded yet."""
+        self._fault = None
+        try:
+            self._serving = Serving(self, self.options)
+        except AnnikError as error:
+            self._fault = error
+            if not self.options.autostart:
+                self.get_logger().error(f"not configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    @logged
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to command; the next command is a first one."""
+        if self._serving is None:
+            return TransitionCallbackReturn.FAILURE
+        self._serving.server.forget_last_command()
+        self._serving.publishers.forget()
+        self._active = True
+        solver = self._serving.server.solver
         self.get_logger().info(
-            f"serving {self._server.solver.artifact.path} for robot "
-            f"{self._server.solver.robot.name}: {TARGET_POSE.name} -> {JOINT_COMMAND.name}"
+            f"serving {solver.artifact.path} for robot {solver.robot.name}: "
+            f"{TARGET_POSE.name} -> {JOINT_COMMAND.name}"
+        )
+        return super().on_activate(state)
+
+    @logged
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command nothing more."""
+        self._active = False
+        self.get_logger().info("inactive: targets are refused")
+        return super().on_deactivate(state)
+
+    @logged
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the model."""
+        self._stop_serving()
+        return super().on_cleanup(state)
+
+    @logged
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the model for good."""
+        self._stop_serving()
+        return super().on_shutdown(state)
+
+    @logged
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After an error in a transition: back to unconfigured."""
+        self._stop_serving()
+        return super().on_error(state)
+
+    def _stop_serving(self) -> None:
+        self._active = False
+        if self._serving is not None:
+            serving, self._serving = self._serving, None
+            serving.destroy()
+
+    def on_target(self, data: bytes) -> None:
+        """Answer a plain target."""
+        arrival = time.perf_counter()
+        serving = self._serving_if_active()
+        if serving is None:
+            return
+        try:
+            pose = pose_from_bytes(data)
+        except ConversionError as error:
+            self._refuse_malformed(serving, error)
+            return
+        self._act_on(serving, serving.server.answer(pose), arrival)
+
+    def on_stamped_target(self, data: bytes) -> None:
+        """Answer a target with a frame and a time."""
+        arrival = time.perf_counter()
+        serving = self._serving_if_active()
+        if serving is None:
+            return
+        try:
+            target = pose_stamped_from_bytes(data)
+        except ConversionError as error:
+            self._refuse_malformed(serving, error)
+            return
+        result = serving.server.answer(target.poses[0], target.frame_id, self._age(target))
+        self._act_on(serving, result, arrival)
+
+    def on_path(self, data: bytes) -> None:
+        """Answer a path as a whole."""
+        serving = self._serving_if_active()
+        if serving is None:
+            return
+        try:
+            path = pose_array_from_bytes(data)
+        except ConversionError as error:
+            self._refuse_malformed(serving, error)
+            return
+        answer = serving.server.answer_path(
+            path.poses,
+            self.options.trajectory_interval,
+            self.options.max_path_poses,
+            path.frame_id,
+            self._age(path),
+        )
+        if answer.refusal is not None:
+            self._refused(serving, answer.refusal)
+        elif answer.joint_positions is not None:
+            serving.publishers.publish_path(answer.joint_positions)
+
+    def _serving_if_active(self) -> Serving | None:
+        """What answers targets; None, after a refusal, if nothing may be commanded now."""
+        if self._active or self._serving is None:
+            return self._serving
+        reason = "the node is inactive: activate it (ros2 lifecycle set NODE activate)"
+        self._warn(self._serving.server.refuse(IkStatus.NOT_ACTIVE, reason))
+        return None
+
+    def _age(self, target: StampedPoses) -> float:
+        """How old a target is by its stamp [s]."""
+        return 1e-9 * (self.get_clock().now().nanoseconds - target.nanoseconds)
+
+    def _refuse_malformed(self, serving: Serving, error: ConversionError) -> None:
+        self._refused(serving, serving.server.refuse(IkStatus.MALFORMED_MESSAGE, str(error)))
+
+    def _act_on(self, serving: Serving, result: IkResult, arrival: float) -> None:
+        if not result.accepted:
+            self._refused(serving, result)
+            return
+        serving.publishers.publish(result)
+        serving.server.record_latency(time.perf_counter() - arrival)
+
+    def _refused(self, serving: Serving, refusal: IkResult) -> None:
+        if self.options.on_refusal == OnRefusal.HOLD.value:
+            serving.publishers.repeat()
+        self._warn(refusal)
+
+    def _warn(self, refusal: IkResult) -> None:
+        self.get_logger().warning(
+            f"target refused, {refusal.status.value}: {refusal.reason}",
+            throttle_duration_sec=WARNING_PERIOD,
         )
 
-    def _on_target(self, message: Pose) -> None:
-        self._act_on(self._server.answer(unchecked_pose_from_message(message)))
-
-    def _on_stamped_target(self, message: PoseStamped) -> None:
-        pose = unchecked_pose_from_message(message.pose)
-        self._act_on(self._server.answer(pose, message.header.frame_id))
-
-    def _act_on(self, answer: Answer) -> None:
-        if answer.command is None:
-            self.get_logger().warning(
-                f"target refused, {answer.result.status.value}: {answer.result.reason}",
-                throttle_duration_sec=WARNING_PERIOD,
-            )
-            return
-        robot = self._server.solver.robot
-        stamp = stamp_to_message(self._stamps.next(self.get_clock().now().nanoseconds))
-        command = joint_state_to_message(robot.joint_names, answer.command.joint_positions, stamp)
-        target = pose_stamped_to_message(answer.command.target, stamp, robot.base_frame)
-        self._target_publisher.publish(target)
-        self._command_publisher.publish(command)
-
     def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._serving is None:
+            response.success = False
+            response.message = f"no model is served when the node is {self.state_label}"
+            return response
+        server = self._serving.server
         try:
-            self._server.load_model(_model_path(current_parameters(self, IkNodeParameters)))
+            server.load_model(_model_path(self.options))
         except AnnikError as error:
             response.success = False
-            response.message = f"still serving {self._server.solver.artifact.path}: {error}"
+            response.message = f"still serving {server.solver.artifact.path}: {error}"
             self.get_logger().error(f"reload refused: {response.message}")
         else:
             response.success = True
-            response.message = f"now serving {self._server.solver.artifact.path}"
+            response.message = f"now serving {server.solver.artifact.path}"
             self.get_logger().info(response.message)
         return response
 
     def _on_parameters(self, _: list[Parameter]) -> None:
-        parameters = current_parameters(self, IkNodeParameters)
-        self._server.solver = parameters.solver(self._server.solver.artifact)
+        self.options = current_parameters(self, IkNodeParameters)
+        if self._serving is not None:
+            self._serving.apply(self.options)
 
     def _report(self) -> DiagnosticReport:
-        summary = self._server.end_period()
-        artifact = self._server.solver.artifact
+        state = {"state": self.state_label}
+        if self._serving is None:
+            return DiagnosticReport(Level.OK, self.state_label, "", state)
+        server = self._serving.server
+        summary = server.end_period()
+        artifact = server.solver.artifact
         model = {
             "model": str(artifact.path),
             "model sha256": artifact.sha256[:12],
             "robot": artifact.robot.name,
-            "mode": "refined" if self._server.solver.refines else "network",
+            "mode": "refined" if server.solver.refines else "network",
         }
         return outcome_report(
             "target",
             summary.outcomes,
             artifact.robot.name,
-            {**model, **solve_time_values(summary)},
+            {**state, **model, **time_values(summary)},
+            self.options.expected_rate if self._active else 0.0,
         )
 
 
-def _model_path(parameters: IkNodeParameters) -> Path:
-    return model_path(parameters.model) if parameters.model else default_model_path()
+def _model_path(options: IkNodeParameters) -> Path:
+    return model_path(options.model) if options.model else default_model_path()
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run_node(NODE_NAME, IkNode, args)
+    return run_node(
+        NODE_NAME,
+        IkNode,
+        args,
+        executor=lambda node: make_executor(ExecutorChoice(node.options.executor)),
+    )
 
 
 if __name__ == "__main__":

@@ -75,7 +75,8 @@ class Parameter:
         if self._holds_strings:
             return "strings"
         if isinstance(self.default, tuple):
-            return f"{len(self.default)} finite numbers{unit}"
+            kind = "numbers" if self._may_be_infinite else "finite numbers"
+            return f"{len(self.default)} {kind}{unit}"
         article = "an" if self.type_name[0] in "aeiou" else "a"
         if self.minimum is None and self.maximum is None:
             return f"{article} {self.type_name}{unit}"
@@ -110,10 +111,14 @@ class Parameter:
     def _holds_strings(self) -> bool:
         return isinstance(self.default, tuple) and isinstance(next(iter(self.default), 0.0), str)
 
+    @property
+    def _may_be_infinite(self) -> bool:
+        return self.maximum == math.inf
+
     def _in_range(self, value: float) -> bool:
         low = -math.inf if self.minimum is None else self.minimum
         high = math.inf if self.maximum is None else self.maximum
-        if math.isinf(value) and self.maximum != math.inf:
+        if math.isinf(value) and not self._may_be_infinite:
             return False
         return low <= value <= high
 
@@ -127,8 +132,9 @@ class Parameter:
         numbers = tuple(float(cast("float", number)) for number in given)
         if len(numbers) != len(cast("tuple[object, ...]", self.default)):
             raise refusal
-        if not all(math.isfinite(number) for number in numbers):
-            raise refusal
+        for number in numbers:
+            if math.isnan(number) or (math.isinf(number) and not self._may_be_infinite):
+                raise refusal
         return numbers
 
 

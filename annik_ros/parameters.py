@@ -4,14 +4,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 
 from annik_core.acceptance import AcceptanceLimits
 from annik_core.artifact import ModelArtifact
+from annik_core.command_safety import CommandSafety, FirstCommandRule
 from annik_core.ik_solver import IkSolver, SolverMode
 from annik_core.refinement import RefinementOptions
 from annik_core.target_paths import DIAGONAL_POINTS
 from annik_ros.parameter_table import Parameter, parameter, parameter_table
 from msg_tools.topics import TOPICS
+
+
+class OnRefusal(Enum):
+    """What is published for a refused target: nothing, or the last command again."""
+
+    SILENT = "silent"
+    HOLD = "hold"
+
+
+class ExecutorChoice(Enum):
+    """Which of rclpy's executors calls a node back."""
+
+    EVENTS = "events"
+    SINGLE_THREADED = "single_threaded"
+
 
 #: The least limit that can be set: a limit must be greater than 0.
 _SMALLEST_LIMIT = 1e-12
@@ -78,11 +95,114 @@ class IkNodeParameters:
     )
     max_joint_step: float = parameter(
         AcceptanceLimits.max_joint_step,
-        "Largest change of any joint from the previous command; an answer beyond it is refused. "
-        "Infinite: no limit.",
+        "Largest change of any joint from the previous command, and of the first command from the "
+        "measured joint positions; an answer beyond it is refused. Infinite: no limit.",
         unit="rad or m",
         minimum=_SMALLEST_LIMIT,
         maximum=math.inf,
+        read_only=False,
+    )
+    max_joint_velocity: float = parameter(
+        CommandSafety.max_joint_velocity,
+        "Largest change of any joint from the previous command, by the time since it; an answer "
+        "beyond it is refused. Infinite: no limit.",
+        unit="rad/s or m/s",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    expected_rate: float = parameter(
+        0.0,
+        "How many targets a second should come. Fewer are a diagnostic warning, and commands that "
+        "come closer together count as this far apart for max_joint_velocity. 0: not known.",
+        unit="Hz",
+        minimum=0.0,
+        maximum=100_000.0,
+        read_only=False,
+    )
+    max_measured_step: float = parameter(
+        CommandSafety.max_measured_step,
+        "Largest distance of any joint of a command from its measured position, if joint_states "
+        "are there; an answer beyond it is refused. Infinite: no limit.",
+        unit="rad or m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    first_command: str = parameter(
+        CommandSafety.first_command.value,
+        "How the first command after an activation is held to max_first_step. near_if_measured: "
+        "if joint_states are there; near: without them it is refused; free: not at all.",
+        choices=tuple(rule.value for rule in FirstCommandRule),
+        read_only=False,
+    )
+    max_first_step: float = parameter(
+        CommandSafety.max_first_step,
+        "Largest distance of any joint of the first command from its measured position.",
+        unit="rad or m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    measurement_timeout: float = parameter(
+        0.5,
+        "Joint positions that were measured longer ago than this count for nothing.",
+        unit="s",
+        minimum=1e-3,
+        maximum=3600.0,
+        read_only=False,
+    )
+    workspace_box_lower: tuple[float, ...] = parameter(
+        CommandSafety.workspace_box_lower,
+        "Least x, y, z of a target in the base frame; a target beyond is refused.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+        read_only=False,
+    )
+    workspace_box_upper: tuple[float, ...] = parameter(
+        CommandSafety.workspace_box_upper,
+        "Greatest x, y, z of a target in the base frame; a target beyond is refused.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+        read_only=False,
+    )
+    max_target_age: float = parameter(
+        CommandSafety.max_target_age,
+        "Oldest that a stamped target may be, by its stamp and the node's clock, or furthest in "
+        "the future; one beyond is refused, and so is one without a stamp. Infinite: no limit.",
+        unit="s",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    on_refusal: str = parameter(
+        OnRefusal.SILENT.value,
+        "What is published for a refused target. silent: nothing; hold: the last command again, "
+        "with a new stamp, for controllers that stop without one.",
+        choices=tuple(choice.value for choice in OnRefusal),
+        read_only=False,
+    )
+    publish_joint_trajectory: bool = parameter(
+        False, "Publish each command on joint_trajectory too, as one point.", read_only=False
+    )
+    publish_position_commands: bool = parameter(
+        False, "Publish each command on position_commands too.", read_only=False
+    )
+    trajectory_interval: float = parameter(
+        0.1,
+        "Time that a trajectory gives its robot from point to point, and to the first.",
+        unit="s",
+        minimum=1e-3,
+        maximum=3600.0,
+        read_only=False,
+    )
+    max_path_poses: int = parameter(
+        1000,
+        "Most poses in target_poses, which bounds the time of an answer; other targets wait.",
+        minimum=1,
+        maximum=1_000_000,
         read_only=False,
     )
     queue_depth: int = parameter(
@@ -92,6 +212,37 @@ class IkNodeParameters:
         minimum=1,
         maximum=100_000,
     )
+    autostart: bool = parameter(
+        True, "Configure and activate at the start; false: wait for lifecycle transitions."
+    )
+    executor: str = parameter(
+        ExecutorChoice.EVENTS.value,
+        "What calls the node back. events: rclpy's events executor, the quicker one; "
+        "single_threaded: rclpy's default.",
+        choices=tuple(choice.value for choice in ExecutorChoice),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse limits that contradict each other.
+
+        Raises:
+            InvalidSafetyLimit: naming the one and the other.
+        """
+        _ = self.command_safety
+
+    @property
+    def command_safety(self) -> CommandSafety:
+        """What commands are held to, as the server takes it."""
+        return CommandSafety(
+            workspace_box_lower=self.workspace_box_lower,
+            workspace_box_upper=self.workspace_box_upper,
+            max_target_age=self.max_target_age,
+            max_joint_velocity=self.max_joint_velocity,
+            shortest_interval=1.0 / self.expected_rate if self.expected_rate > 0 else 0.0,
+            max_measured_step=self.max_measured_step,
+            first_command=FirstCommandRule(self.first_command),
+            max_first_step=self.max_first_step,
+        )
 
     @property
     def acceptance_limits(self) -> AcceptanceLimits:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import TypeVar
 
 import rclpy
 from rclpy.exceptions import NameValidationException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.task import Future
 
 from annik_core.errors import AnnikError
+from annik_ros.executors import spin
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
@@ -39,6 +41,7 @@ def run_node(
     make_node: Callable[[], AnyNode],
     args: list[str] | None = None,
     finished: Callable[[AnyNode], Future] | None = None,
+    executor: Callable[[AnyNode], Executor] = lambda _: SingleThreadedExecutor(),
 ) -> int:
     """Make a node and spin it until SIGINT, SIGTERM, its own end, or a fault.
 
@@ -47,6 +50,7 @@ def run_node(
         make_node: makes it; may raise an :class:`AnnikError` for a fault of set-up.
         args: the command line; None means that of the process.
         finished: gives the future of the node that is done when its job is; None: never.
+        executor: makes what calls the node back.
 
     Returns:
         The exit code: 0, or 1 after one line on what is wrong.
@@ -56,7 +60,7 @@ def run_node(
     node = None
     try:
         node = make_node()
-        _spin(node, finished(node) if finished else None)
+        _spin(node, executor(node), finished(node) if finished else None)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (AnnikError, NameValidationException) as error:
@@ -73,14 +77,13 @@ def run_node(
     return 0
 
 
-def _spin(node: Node, finished: Future | None) -> None:
-    executor = SingleThreadedExecutor()
+def _spin(node: Node, executor: Executor, finished: Future | None) -> None:
     executor.add_node(node)
+    # What was made up to now stays: looking through it again and again would only delay targets.
+    gc.collect()
+    gc.freeze()
     try:
-        if finished is None:
-            executor.spin()
-        else:
-            executor.spin_until_future_complete(finished)
+        spin(executor, finished)
     finally:
         executor.shutdown(timeout_sec=0.0)
 

@@ -2,18 +2,17 @@
 
 Writes the packaged models, models/ROBOT.onnx, and docs/results/arms.md. The targets are drawn
 apart from everything that training draws. What is solved is verified by forward kinematics that
-share no code with the solver's.
+share no code with the solver's. Each model answers in a process without torch, as in a node.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 import numpy as np
 
-from annik_core.ik_solver import IkSolver
+from annik_core.artifact import load_artifact
 from annik_core.robot_library import load_robot, packaged_robots
 from annik_training.bench.measure_paths import measure_paths
 from annik_training.bench.ours import our_solvers
@@ -24,6 +23,7 @@ from annik_training.dataset import compute_dataset, compute_random_dataset
 from annik_training.fitting.fit_options import ARM_OPTIONS
 from annik_training.machine import machine
 from annik_training.train import train
+from benchmarks.answer_targets import answers_of
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "docs" / "results" / "arms.md"
@@ -32,7 +32,6 @@ EXAMPLES = 512
 #: A quarter of them, to show what that costs.
 FEW_EXAMPLES = 128
 _TARGET_SEED = 20261122
-_WARM_UP = 50
 _POINTS = 100
 _HEADER = (
     "robot",
@@ -84,22 +83,12 @@ def _measured(name: str, examples: int, targets: int, paths: int) -> tuple[str, 
     # The packaged models are those with the usual number of examples.
     model = ROOT / ("models" if examples == EXAMPLES else "build/arms") / f"{name}.onnx"
     trained = train(compute_dataset(robot, "sobol", examples, seed=0), model, ARM_OPTIONS)
-    solver = IkSolver.from_file(model)
     unseen = compute_random_dataset(robot, robot.joint_box, targets, _TARGET_SEED)
-    for pose in unseen.poses[:_WARM_UP]:
-        solver.solve(pose)
-    answers = np.full((targets, robot.dof), np.nan)
-    steps, microseconds = [], []
-    for row, pose in enumerate(unseen.poses):
-        begin = time.perf_counter_ns()
-        result = solver.solve(pose)
-        microseconds.append(1e-3 * (time.perf_counter_ns() - begin))
-        if result.joint_positions is not None:
-            answers[row] = result.joint_positions
-            steps.append(result.newton_steps)
+    answers = answers_of(model, unseen.poses)
+    steps = answers.newton_steps[np.isfinite(answers.joint_positions).all(axis=1)]
     verifier = Verifier(robot_problem(robot))
-    verified = verifier.verified(answers, unseen.poses)
-    refined = our_solvers(solver.artifact)[-1]
+    verified = verifier.verified(answers.joint_positions, unseen.poses)
+    refined = our_solvers(load_artifact(model))[-1]
     followed, _ = straight_paths(robot, paths, _POINTS, np.random.default_rng(_TARGET_SEED))
     on_paths = measure_paths([refined], followed, verifier)[refined.name]
     errors = trained.evaluation.position_error
@@ -111,7 +100,7 @@ def _measured(name: str, examples: int, targets: int, paths: int) -> tuple[str, 
         f"{100 * verified.right.mean():.2f}",
         f"{100 * verified.in_box.mean():.2f}",
         f"{np.mean(steps):.1f}, {max(steps, default=0)}",
-        f"{np.median(microseconds):.0f}, {np.percentile(microseconds, 99):.0f}",
+        f"{np.median(answers.microseconds):.0f}, {np.percentile(answers.microseconds, 99):.0f}",
         f"{on_paths.changing} of {on_paths.paths}",
     )
 

@@ -6,7 +6,7 @@ from builtin_interfaces.msg import Time
 
 from annik_core.errors import ConversionError
 
-_NANOSECONDS_PER_SECOND = 1_000_000_000
+NANOSECONDS_PER_SECOND = 1_000_000_000
 _SECONDS_RANGE = (-(2**31), 2**31 - 1)
 
 
@@ -24,7 +24,7 @@ class MalformedStamp(ConversionError):
     def __init__(self, nanosec: int) -> None:
         self.nanosec = nanosec
         super().__init__(
-            f"header.stamp.nanosec is {nanosec}; it must be less than {_NANOSECONDS_PER_SECOND}"
+            f"header.stamp.nanosec is {nanosec}; it must be less than {NANOSECONDS_PER_SECOND}"
         )
 
 
@@ -37,18 +37,28 @@ def stamp_from_message(message: Time) -> int:
         MalformedStamp: if the nanoseconds are a second or more.
     """
     nanosec = int(message.nanosec)
-    if nanosec >= _NANOSECONDS_PER_SECOND:
+    if nanosec >= NANOSECONDS_PER_SECOND:
         raise MalformedStamp(nanosec)
-    return int(message.sec) * _NANOSECONDS_PER_SECOND + nanosec
+    return int(message.sec) * NANOSECONDS_PER_SECOND + nanosec
 
 
-def stamp_to_message(nanoseconds: int) -> Time:
-    """The stamp of a time since the epoch [ns]; exact, so that stamps can be compared.
+def split_stamp(nanoseconds: int) -> tuple[int, int]:
+    """Seconds and nanoseconds of a time since the epoch [ns]; exact, so that they can be compared.
 
     Raises:
         StampOutOfRange: if the seconds do not fit into 32 bits.
     """
-    seconds, remainder = divmod(int(nanoseconds), _NANOSECONDS_PER_SECOND)
+    seconds, remainder = divmod(int(nanoseconds), NANOSECONDS_PER_SECOND)
     if not _SECONDS_RANGE[0] <= seconds <= _SECONDS_RANGE[1]:
         raise StampOutOfRange(nanoseconds)
+    return seconds, remainder
+
+
+def stamp_to_message(nanoseconds: int) -> Time:
+    """The stamp of a time since the epoch [ns].
+
+    Raises:
+        StampOutOfRange: if the seconds do not fit into 32 bits.
+    """
+    seconds, remainder = split_stamp(nanoseconds)
     return Time(sec=seconds, nanosec=remainder)

@@ -36,6 +36,12 @@ TARGET_POSE_STAMPED = Topic(
     "you",
     "the same with a frame, which must be the base frame or empty",
 )
+TARGET_POSES = Topic(
+    "target_poses",
+    "geometry_msgs/msg/PoseArray",
+    "you",
+    "a path of wanted poses in the base frame, to be answered as a whole by one joint_trajectory",
+)
 JOINT_COMMAND = Topic(
     "joint_command",
     "sensor_msgs/msg/JointState",
@@ -48,11 +54,26 @@ ACCEPTED_TARGET = Topic(
     "ik_node",
     "the target of the command with the same stamp",
 )
+JOINT_TRAJECTORY = Topic(
+    "joint_trajectory",
+    "trajectory_msgs/msg/JointTrajectory",
+    "ik_node",
+    "the answer to target_poses, and each command if publish_joint_trajectory is set, for "
+    "ros2_control's joint_trajectory_controller [rad or m]; stamp: zero, to begin at once",
+)
+POSITION_COMMANDS = Topic(
+    "position_commands",
+    "std_msgs/msg/Float64MultiArray",
+    "ik_node",
+    "each command if publish_position_commands is set, for ros2_control's "
+    "forward_command_controller, in the order of the joints [rad or m]",
+)
 JOINT_STATES = Topic(
     "joint_states",
     "sensor_msgs/msg/JointState",
-    "fake_robot",
-    "joint positions that the robot took up [rad or m]; stamp: its command's",
+    "the robot, or fake_robot",
+    "measured joint positions [rad or m], which ik_node holds its first command to; fake_robot: "
+    "those that it took up, stamp: its command's",
 )
 ACHIEVED_POSE = Topic(
     "achieved_pose",
@@ -76,14 +97,17 @@ DIAGNOSTICS = Topic(
     "/diagnostics",
     "diagnostic_msgs/msg/DiagnosticArray",
     "ik_node, fake_robot",
-    "model, robot, counts by outcome, solve times; once a second",
+    "model, robot, counts by outcome, times; once a second",
 )
 
 TOPICS = (
     TARGET_POSE,
     TARGET_POSE_STAMPED,
+    TARGET_POSES,
     JOINT_COMMAND,
     ACCEPTED_TARGET,
+    JOINT_TRAJECTORY,
+    POSITION_COMMANDS,
     JOINT_STATES,
     ACHIEVED_POSE,
     POSITION_ERROR,

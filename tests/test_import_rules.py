@@ -20,8 +20,10 @@ ROS = {
     "std_srvs",
     "builtin_interfaces",
     "rcl_interfaces",
+    "lifecycle_msgs",
+    "trajectory_msgs",
 }
-CONVERSIONS = {"pose", "joint_state", "stamp", "vector3"}
+CONVERSIONS = {"cdr", "pose", "joint_state", "joint_trajectory", "stamp", "vector3"}
 
 
 def modules(package: str) -> list[str]:

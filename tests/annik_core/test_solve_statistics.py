@@ -28,8 +28,8 @@ def test_nothing_received_yet() -> None:
     assert summary.outcomes.received == 0
     assert summary.outcomes.rate == 0.0
     assert summary.outcomes.last_refusal == ""
-    assert math.isnan(summary.solve_time_p50)
-    assert math.isnan(summary.solve_time_max)
+    assert math.isnan(summary.solve_time.p50)
+    assert math.isnan(summary.solve_time.max)
 
 
 def test_refusals_are_counted_by_reason_and_the_last_one_is_kept() -> None:
@@ -49,8 +49,8 @@ def test_percentiles_are_of_the_latest_solve_times() -> None:
     for solve_time in (100.0, 1.0, 2.0, 3.0, 4.0):
         statistics.record(_result(IkStatus.SUCCESS), solve_time)
     summary = statistics.end_period(1.0)
-    assert summary.solve_time_p50 == pytest.approx(2.5)
-    assert summary.solve_time_max == 4.0
+    assert summary.solve_time.p50 == pytest.approx(2.5)
+    assert summary.solve_time.max == 4.0
     assert summary.outcomes.received == 5
 
 

@@ -1,0 +1,140 @@
+"""What a command must satisfy beyond the solver's own checks, before it may move a robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from enum import Enum
+
+import numpy as np
+
+from annik_core.errors import AnnikError
+from annik_core.pose import POSE_FIELDS, FloatArray
+
+
+class InvalidSafetyLimit(AnnikError):
+    """A limit of the command safety is not one that a command could be held to."""
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        self.name = name
+        self.value = value
+        super().__init__(f"{name} is {value}; it must be {allowed}")
+
+
+class FirstCommandRule(Enum):
+    """How the first command after the start is held to where the robot is.
+
+    ``FREE``: it may be anywhere. ``NEAR_IF_MEASURED``: it must be near the measured joint
+    positions if there are any. ``NEAR``: without a measurement it is refused.
+    """
+
+    FREE = "free"
+    NEAR_IF_MEASURED = "near_if_measured"
+    NEAR = "near"
+
+
+@dataclass(frozen=True)
+class CommandSafety:
+    """Limits on targets and commands.
+
+    Attributes:
+        workspace_box_lower: least x, y, z of a target in the base frame [m].
+        workspace_box_upper: greatest x, y, z [m].
+        max_target_age: oldest that a stamped target may be, or furthest in the future [s].
+        max_joint_velocity: largest joint step from the previous command, by the time since it
+            [rad/s or m/s].
+        shortest_interval: time that commands are taken to be apart where they come closer
+            together, as in a burst [s].
+        max_measured_step: largest distance of a joint from its measured position [rad or m].
+        first_command: how the first command is held to where the robot is.
+        max_first_step: largest distance of a joint in the first command from its measured
+            position [rad or m].
+
+    Raises:
+        InvalidSafetyLimit: if a limit is NaN or negative, or the box is empty.
+    """
+
+    workspace_box_lower: tuple[float, ...] = (-math.inf,) * 3
+    workspace_box_upper: tuple[float, ...] = (math.inf,) * 3
+    max_target_age: float = math.inf
+    max_joint_velocity: float = math.inf
+    shortest_interval: float = 0.0
+    max_measured_step: float = math.inf
+    first_command: FirstCommandRule = FirstCommandRule.NEAR_IF_MEASURED
+    max_first_step: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Refuse limits that make no sense."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not value >= 0:
+                raise InvalidSafetyLimit(field.name, value, "0 or more")
+        pairs = zip(self.workspace_box_lower, self.workspace_box_upper, strict=True)
+        if not all(low < high for low, high in pairs):
+            raise InvalidSafetyLimit(
+                "workspace_box_lower",
+                self.workspace_box_lower,
+                f"less than workspace_box_upper, {self.workspace_box_upper}, in x, y and z",
+            )
+
+
+def box_violation(pose: FloatArray, safety: CommandSafety) -> str | None:
+    """Why the position of a pose ``(7,)`` is outside the workspace box, or None.
+
+    A pose that is not finite has no violation here: that is another check's to say.
+    """
+    bounds = zip(
+        pose[:3].tolist(), safety.workspace_box_lower, safety.workspace_box_upper, strict=True
+    )
+    for axis, (value, low, high) in enumerate(bounds):
+        if math.isfinite(value) and not low <= value <= high:
+            return (
+                f"{POSE_FIELDS[axis]} is {value:.6g} m; the workspace box allows "
+                f"{low:.6g} to {high:.6g} m"
+            )
+    return None
+
+
+def age_violation(age: float | None, safety: CommandSafety) -> str | None:
+    """Why a target of this age [s] is stale, or None. None for a target without a stamp."""
+    limit = safety.max_target_age
+    if age is None or abs(age) <= limit:
+        return None
+    if age < 0:
+        return f"its stamp is {-age:.4g} s in the future, more than {limit:.4g} s: set the clocks"
+    return f"it is {age:.4g} s old, more than {limit:.4g} s"
+
+
+def velocity_violation(
+    joint_names: tuple[str, ...],
+    joint_positions: FloatArray,
+    previous: FloatArray,
+    interval: float,
+    safety: CommandSafety,
+) -> str | None:
+    """Why the way from ``previous`` in ``interval`` [s] is too fast, or None; both ``(dof,)``."""
+    interval = max(interval, safety.shortest_interval)
+    steps = np.abs(joint_positions - previous)
+    # As a product, so that no time at all is no division by zero.
+    if (steps <= safety.max_joint_velocity * interval).all():
+        return None
+    joint = int(np.argmax(steps))
+    velocity = steps[joint] / interval if interval > 0 else math.inf
+    return (
+        f"{joint_names[joint]} would move by {steps[joint]:.6g} in {interval:.4g} s, "
+        f"{velocity:.6g} per second; at most {safety.max_joint_velocity:.6g} is allowed"
+    )
+
+
+def measured_violation(
+    joint_names: tuple[str, ...], joint_positions: FloatArray, measured: FloatArray, limit: float
+) -> str | None:
+    """Why joint positions ``(dof,)`` are further than ``limit`` [rad or m] from the measured."""
+    steps = np.abs(joint_positions - measured)
+    if (steps <= limit).all():
+        return None
+    joint = int(np.argmax(steps))
+    return (
+        f"{joint_names[joint]} would go to {joint_positions[joint]:.6g}, but is measured at "
+        f"{measured[joint]:.6g}: {steps[joint]:.6g} away, more than {limit:.6g}"
+    )

@@ -1,0 +1,110 @@
+"""Publish what was accepted, in every form that a controller may want it."""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from annik_core.ik_result import IkResult
+from annik_core.pose import FloatArray
+from annik_core.robot import Robot
+from annik_core.unique_stamps import UniqueStamps
+from annik_ros.message_template import MessageTemplate
+from annik_ros.parameters import IkNodeParameters
+from annik_ros.qos import RESULT_DEPTH, reliable
+from msg_tools.joint_state import joint_state_to_message
+from msg_tools.joint_trajectory import joint_trajectory_to_message, position_array_to_message
+from msg_tools.pose import pose_stamped_to_message
+from msg_tools.topics import (
+    ACCEPTED_TARGET,
+    JOINT_COMMAND,
+    JOINT_TRAJECTORY,
+    POSITION_COMMANDS,
+)
+
+
+class CommandPublishers:
+    """The publishers of commands for one robot; silent unless the node is active.
+
+    Attributes:
+        options: which forms are wanted besides ``joint_command``; may be replaced at any time.
+    """
+
+    def __init__(self, node: LifecycleNode, robot: Robot, options: IkNodeParameters) -> None:
+        """Create the publishers on ``node``."""
+        self.options = options
+        self._node = node
+        self._robot = robot
+        self._stamps = UniqueStamps()
+        results = reliable(RESULT_DEPTH)
+        self._command_publisher = node.create_lifecycle_publisher(
+            JointState, JOINT_COMMAND.name, results
+        )
+        self._target_publisher = node.create_lifecycle_publisher(
+            PoseStamped, ACCEPTED_TARGET.name, results
+        )
+        self._trajectory_publisher = node.create_lifecycle_publisher(
+            JointTrajectory, JOINT_TRAJECTORY.name, results
+        )
+        self._positions_publisher = node.create_lifecycle_publisher(
+            Float64MultiArray, POSITION_COMMANDS.name, results
+        )
+        self._command = MessageTemplate(
+            lambda stamp, numbers: joint_state_to_message(robot.joint_names, numbers, stamp),
+            robot.dof,
+        )
+        self._target = MessageTemplate(
+            lambda stamp, numbers: pose_stamped_to_message(numbers, stamp, robot.base_frame), 7
+        )
+        self._last: FloatArray | None = None
+
+    def publish(self, result: IkResult) -> None:
+        """Publish an accepted answer, with one new stamp."""
+        if result.joint_positions is None or result.target is None:
+            return
+        self._last = result.joint_positions
+        stamp = self._publish_command(result.joint_positions)
+        self._target_publisher.publish(self._target.filled(stamp, result.target))
+
+    def publish_path(self, joint_positions: FloatArray) -> None:
+        """Publish a whole path ``(n, dof)`` as a trajectory; its end is then held."""
+        self._last = joint_positions[-1]
+        self._trajectory_publisher.publish(self._trajectory(joint_positions))
+
+    def repeat(self) -> None:
+        """Publish the last command again with a new stamp, if there was one."""
+        if self._last is not None:
+            self._publish_command(self._last)
+
+    def forget(self) -> None:
+        """There was no last command."""
+        self._last = None
+
+    def destroy(self) -> None:
+        """Take the publishers off the node."""
+        for publisher in (
+            self._command_publisher,
+            self._target_publisher,
+            self._trajectory_publisher,
+            self._positions_publisher,
+        ):
+            self._node.destroy_lifecycle_publisher(publisher)
+
+    def _publish_command(self, joint_positions: FloatArray) -> int:
+        """Publish joint positions in all forms that are wanted; returns their stamp [ns]."""
+        stamp = self._stamps.next(self._node.get_clock().now().nanoseconds)
+        self._command_publisher.publish(self._command.filled(stamp, joint_positions))
+        if self.options.publish_joint_trajectory:
+            self._trajectory_publisher.publish(self._trajectory(joint_positions[np.newaxis]))
+        if self.options.publish_position_commands:
+            self._positions_publisher.publish(position_array_to_message(joint_positions))
+        return stamp
+
+    def _trajectory(self, joint_positions: FloatArray) -> JointTrajectory:
+        return joint_trajectory_to_message(
+            self._robot.joint_names, joint_positions, self.options.trajectory_interval
+        )

@@ -1,0 +1,41 @@
+"""Executors of rclpy, and the loop that drives any of them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import rclpy
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.task import Future
+
+from annik_ros.parameters import ExecutorChoice
+
+#: Longest wait for work [s]. Jazzy's events executor calls nobody back unless its wait is finite.
+_LONGEST_WAIT: Final = 0.5
+
+
+def make_executor(choice: ExecutorChoice) -> Executor:
+    """A new executor; rclpy's default one where this rclpy has no events executor yet."""
+    if choice is ExecutorChoice.EVENTS:
+        try:
+            # Experimental, and not in the first releases of Jazzy.
+            from rclpy.experimental.events_executor import EventsExecutor
+        except ImportError:
+            get_logger("executor").warning(
+                "this rclpy has no events executor: single_threaded is used"
+            )
+        else:
+            events: Executor = EventsExecutor()
+            return events
+    return SingleThreadedExecutor()
+
+
+def spin(executor: Executor, finished: Future | None = None) -> None:
+    """Call nodes back until ``finished`` is done or the context is shut down.
+
+    Raises:
+        ExternalShutdownException: if the context is shut down while the executor waits.
+    """
+    while rclpy.ok() and not (finished is not None and finished.done()):
+        executor.spin_once(timeout_sec=_LONGEST_WAIT)

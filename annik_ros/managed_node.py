@@ -1,0 +1,55 @@
+"""A life-cycle node that survives what rclpy's own does not."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+Transition = Callable[..., TransitionCallbackReturn]
+
+
+class ManagedNode(LifecycleNode):
+    """Refuses impossible transitions, and logs the errors of possible ones."""
+
+    def __init__(self, name: str) -> None:
+        """Make a node in the state ``unconfigured``."""
+        super().__init__(name)
+        # In Jazzy a request for a transition that the present state does not have raises, which
+        # ends the process that spins the node.
+        service = self._service_change_state
+        self._change_state = service.callback
+        service.callback = self._on_change_state
+
+    @property
+    def state_label(self) -> str:
+        """The present state, such as ``active``."""
+        label: str = self._state_machine.current_state[1]
+        return label
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        try:
+            response = self._change_state(request, response)
+        except rclpy_implementation.RCLError:
+            wanted = request.transition.label or f"transition {request.transition.id}"
+            self.get_logger().warning(f"refused: {wanted} is not possible when {self.state_label}")
+            response.success = False
+        return response
+
+
+def logged(transition: Transition) -> Transition:
+    """A transition callback whose exceptions are logged; rclpy drops them without a word."""
+
+    def run(node: ManagedNode, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            return transition(node, state)
+        except Exception:
+            node.get_logger().error(f"{transition.__name__} failed: {traceback.format_exc()}")
+            return TransitionCallbackReturn.ERROR
+
+    return run
