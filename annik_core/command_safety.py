@@ -113,6 +113,8 @@ def velocity_violation(
     safety: CommandSafety,
 ) -> str | None:
     """Why the way from ``previous`` in ``interval`` [s] is too fast, or None; both ``(dof,)``."""
+    if math.isinf(safety.max_joint_velocity):
+        return None
     interval = max(interval, safety.shortest_interval)
     steps = np.abs(joint_positions - previous)
     # As a product, so that no time at all is no division by zero.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -476,6 +477,13 @@ def paper(out: Path, seed: int, workers: int | None, quick: bool, docs: Path | N
         + (f", the page to {escape(str(docs))} too" if docs else ""),
         soft_wrap=True,
     )
+
+
+@cli.command()
+def doctor() -> None:
+    """Check this installation: libraries, ROS 2, models, and a target over the middleware."""
+    # A process of its own: it needs ROS, of which training knows nothing.
+    sys.exit(subprocess.run([sys.executable, "-m", "annik_ros.doctor"], check=False).returncode)
 
 
 @cli.group()

@@ -1,0 +1,177 @@
+"""``annik doctor``: check an installation, and say what is wrong and what to do about it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+
+from annik_core.artifact import default_model_path, load_artifact, model_path, packaged_models
+from annik_core.errors import AnnikError, MissingDependency
+from annik_core.version import VERSION
+
+#: What the nodes can't do without.
+_LIBRARIES = ("numpy", "scipy", "onnx", "onnxruntime", "mcap", "rosbags")
+#: What some of annik needs, and for what.
+_OPTIONAL_LIBRARIES = {
+    "pin": "arms: pip install 'annik_ros[arms]', or the package ros-jazzy-pinocchio",
+    "torch": "training: pip install 'annik_ros[training]'",
+}
+_SUPPORTED_PYTHON = ((3, 10), (3, 13))
+_DISTRIBUTION = "jazzy"
+
+
+class Verdict(Enum):
+    """How a check came out."""
+
+    GOOD = "ok"
+    NOTE = "note"
+    BAD = "WRONG"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The outcome of one check.
+
+    Attributes:
+        verdict: how it came out.
+        what: what was looked at, and what was found.
+        remedy: what to do about it; empty if nothing need be done.
+    """
+
+    verdict: Verdict
+    what: str
+    remedy: str = ""
+
+
+def check_python() -> Iterator[Finding]:
+    """The interpreter and annik itself."""
+    low, high = _SUPPORTED_PYTHON
+    text = f"annik {VERSION} on Python {platform.python_version()} ({sys.executable})"
+    if low <= sys.version_info[:2] <= high:
+        yield Finding(Verdict.GOOD, text)
+    else:
+        yield Finding(Verdict.BAD, text, f"use Python {low[0]}.{low[1]} to {high[0]}.{high[1]}")
+
+
+def check_libraries() -> Iterator[Finding]:
+    """The libraries that are not ROS, by their installed versions."""
+    for name in _LIBRARIES:
+        try:
+            yield Finding(Verdict.GOOD, f"{name} {version(name)}")
+        except PackageNotFoundError:
+            yield Finding(Verdict.BAD, f"{name} is not installed", f"pip install {name}")
+    for name, purpose in _OPTIONAL_LIBRARIES.items():
+        try:
+            yield Finding(Verdict.GOOD, f"{name} {version(name)}")
+        except PackageNotFoundError:
+            yield Finding(Verdict.NOTE, f"{name} is not installed", f"only for {purpose}")
+
+
+def check_ros() -> Iterator[Finding]:
+    """rclpy, its middleware, the messages, and what the environment tells them."""
+    try:
+        rclpy = import_module("rclpy")
+        for package in ("geometry_msgs", "sensor_msgs", "trajectory_msgs", "diagnostic_msgs"):
+            import_module(f"{package}.msg")
+        middleware = import_module("rclpy.utilities").get_rmw_implementation_identifier()
+    # Not only ImportError: a library of another ROS raises what it likes.
+    except Exception as error:
+        yield Finding(
+            Verdict.BAD,
+            f"ROS 2 can't be imported: {type(error).__name__}: {error}",
+            "source /opt/ros/jazzy/setup.bash, or pip install 'annik_ros[ros]' without a sourced "
+            "ROS of another distribution",
+        )
+        return
+    yield Finding(Verdict.GOOD, f"rclpy from {rclpy.__path__[0]}, {middleware}")
+    distribution = os.environ.get("ROS_DISTRO")
+    if distribution not in (None, "", _DISTRIBUTION):
+        yield Finding(
+            Verdict.NOTE, f"ROS_DISTRO is {distribution}", f"annik is tested with {_DISTRIBUTION}"
+        )
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    yield Finding(Verdict.GOOD, f"ROS_DOMAIN_ID {domain}, discovery range {reach}")
+    try:
+        import_module("rclpy.experimental.events_executor")
+    except ImportError:
+        yield Finding(
+            Verdict.NOTE,
+            "this rclpy has no events executor",
+            "upgrade ros-jazzy-rclpy; until then ik_node uses the slower single_threaded",
+        )
+
+
+def check_models() -> Iterator[Finding]:
+    """Every packaged model: its file, its reference answers, its robot."""
+    for name in packaged_models():
+        try:
+            artifact = load_artifact(model_path(name))
+        except MissingDependency as error:
+            yield Finding(Verdict.NOTE, f"model {name} can't be used", str(error))
+        except AnnikError as error:
+            yield Finding(
+                Verdict.BAD, f"model {name} can't be used: {error}", "install annik again"
+            )
+        else:
+            yield Finding(
+                Verdict.GOOD,
+                f"model {name}: {artifact.robot.dof} joints, SHA-256 {artifact.sha256[:12]}",
+            )
+
+
+def check_round_trip() -> Iterator[Finding]:
+    """A target to an ik_node of its own, and the command back, over the middleware."""
+    try:
+        from annik_ros.round_trip import round_trip
+    except ImportError:
+        return  # check_ros has said so
+    try:
+        start, trip = round_trip(default_model_path())
+    except AnnikError as error:
+        yield Finding(
+            Verdict.BAD,
+            f"no command came back from an ik_node: {error}",
+            "check that a firewall lets UDP multicast through on the loopback interface, and that "
+            "/dev/shm has space",
+        )
+    else:
+        yield Finding(
+            Verdict.GOOD,
+            f"ik_node answered {start:.2f} s after its start, then within {1e3 * trip:.2f} ms",
+        )
+
+
+CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
+    check_python,
+    check_libraries,
+    check_ros,
+    check_models,
+    check_round_trip,
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run all checks, print a line for each finding; 1 if something is wrong."""
+    parser = argparse.ArgumentParser(prog="annik doctor", description=__doc__)
+    parser.parse_args(arguments)
+    wrong = 0
+    for check in CHECKS:
+        for finding in check():
+            wrong += finding.verdict is Verdict.BAD
+            print(f"{finding.verdict.value:5}  {finding.what}", flush=True)
+            if finding.remedy:
+                print(f"       -> {finding.remedy}", flush=True)
+    print("all is well" if not wrong else f"{wrong} wrong: see WRONG above", flush=True)
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
