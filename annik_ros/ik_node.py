@@ -30,6 +30,7 @@ from annik_ros.managed_node import ManagedNode, logged
 from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.parameters import ExecutorChoice, IkNodeParameters, OnRefusal
 from annik_ros.qos import reliable
+from annik_ros.services import RELOAD_MODEL
 from annik_ros.spin import run_node
 from msg_tools.cdr import (
     StampedPoses,
@@ -105,7 +106,7 @@ class IkNode(ManagedNode):
         self._serving: Serving | None = None
         self._active = False
         self._fault: AnnikError | None = None
-        self.create_service(Trigger, "~/reload_model", self._on_reload)
+        self.create_service(Trigger, RELOAD_MODEL.name, self._on_reload)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
         if self.options.autostart:

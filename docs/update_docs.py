@@ -17,9 +17,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from annik_core.acceptance import AcceptanceLimits
-from annik_core.ik_result import IkStatus
+from annik_core.ik_result import REFUSALS, IkStatus
+from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
 from annik_ros.parameter_table import Parameter
 from annik_ros.parameters import PARAMETER_TABLES
+from annik_ros.services import SERVICES
 from annik_training.designs.registry import DESIGNS
 from annik_training.designs.thirty_phase_design import describe_phases
 from annik_training.machine import machine
@@ -55,10 +57,35 @@ def parameters(node: str) -> Callable[[], str]:
     return parameter_rows
 
 
+def services() -> str:
+    """The services of ik_node."""
+    rows = [(f"`{s.name}`", f"`{s.type}`", s.meaning) for s in SERVICES]
+    return table(("service", "type", "what it does"), rows)
+
+
 def refusals() -> str:
-    """Why a target may be refused."""
-    rows = [(status.value,) for status in IkStatus if status is not IkStatus.SUCCESS]
-    return table(("`refused: ...` in /diagnostics",), rows)
+    """Why a target may be refused, in the order of the checks."""
+    rows = [
+        (f"`{status.value}`", REFUSALS[status])
+        for status in IkStatus
+        if status is not IkStatus.SUCCESS
+    ]
+    return table(("`refused: ...` in /diagnostics", "when"), rows)
+
+
+def diagnostics(node: str) -> Callable[[], str]:
+    """What one node reports."""
+
+    def values() -> str:
+        rows = [(f"`{key}`", meaning) for key, meaning in DIAGNOSTIC_VALUES[node].items()]
+        return table(("value", "meaning"), rows)
+
+    return values
+
+
+def levels() -> str:
+    """When a report is a warning or an error."""
+    return table(("level", "when"), [(f"{level}", when) for level, when in LEVELS.items()])
 
 
 def designs() -> str:
@@ -135,10 +162,13 @@ def _when(row: Parameter) -> str:
 
 
 PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
-    README: {"topics": topics, "ik_node parameters": parameters("ik_node")},
+    README: {"topics": topics},
     DOCS / "ros_interface.md": {
         "topics": topics,
+        "services": services,
         "refusals": refusals,
+        "diagnostic levels": levels,
+        **{f"{node} diagnostics": diagnostics(node) for node in DIAGNOSTIC_VALUES},
         "limits": limits,
         **{f"{node} parameters": parameters(node) for node in PARAMETER_TABLES},
     },

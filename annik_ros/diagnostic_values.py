@@ -1,0 +1,60 @@
+"""What the nodes report on /diagnostics, key by key. Needs no ROS.
+
+For the documentation, and for the test that holds the nodes to it.
+"""
+
+from __future__ import annotations
+
+_COUNTS = {
+    "{what}s received": "since the node was configured; accepted and refused add up to it, exactly",
+    "{what}s accepted": "acted on",
+    "{what}s refused": "not acted on",
+    "refused: REASON": "refused for this reason; only reasons that occurred",
+}
+_LAST = {
+    "{what} rate [Hz]": "received in the last second",
+    "last refusal": "why, in one line, with the value and what is allowed",
+}
+
+
+def _of(what: str, values: dict[str, str]) -> dict[str, str]:
+    return {key.format(what=what): meaning for key, meaning in values.items()}
+
+
+#: Key to meaning, by node.
+DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
+    "ik_node": {
+        "state": "of the life cycle; the rest is there when a model is",
+        "model": "path of the file",
+        "model sha256": "first digits of its SHA-256",
+        "robot": "its name",
+        "mode": "network or refined",
+        "solve time p50 [us]": "time to answer a target, the last thousand: median",
+        "solve time p99 [us]": "99th percentile",
+        "solve time max [us]": "longest",
+        "latency p50 [us]": "time from taking up a target to its command, the last thousand "
+        "accepted: median",
+        "latency p99 [us]": "99th percentile",
+        "latency max [us]": "longest",
+        **_of("target", _COUNTS),
+        "expected target rate [Hz]": "the parameter expected_rate, if it is set",
+        **_of("target", _LAST),
+    },
+    "fake_robot": {
+        "robot": "its name",
+        "robot definition sha256": "first digits of its SHA-256",
+        "accepted targets ignored": "that could not be paired, for an impossible stamp or pose",
+        "targets without command": "that wait for their command",
+        "commands without target": "that wait for their target",
+        "partners given up": "that waited too long",
+        **_of("command", _COUNTS),
+        **_of("command", _LAST),
+    },
+}
+
+#: When a report is more than OK.
+LEVELS = {
+    "WARN": "something was refused in the last second, or fewer than 80 % of expected_rate came",
+    "ERROR": "ten or more were refused in the last second and none accepted, or expected_rate is "
+    "set and nothing came",
+}

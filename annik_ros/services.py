@@ -1,0 +1,52 @@
+"""The services of ik_node: for the node and the documentation. Needs no ROS."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Service(NamedTuple):
+    """A service.
+
+    Attributes:
+        name: private to the node.
+        type: ROS service type.
+        meaning: what it does.
+    """
+
+    name: str
+    type: str
+    meaning: str
+
+
+RELOAD_MODEL = Service(
+    "~/reload_model",
+    "std_srvs/srv/Trigger",
+    "load the file that `model` names, and serve it from the next target on if it passes every "
+    "check and is for the same robot; otherwise the old one serves on, and the answer says why",
+)
+
+SERVICES = (
+    RELOAD_MODEL,
+    Service(
+        "~/change_state",
+        "lifecycle_msgs/srv/ChangeState",
+        "configure, activate, deactivate, cleanup or shutdown; `ros2 lifecycle set`",
+    ),
+    Service("~/get_state", "lifecycle_msgs/srv/GetState", "the state; `ros2 lifecycle get`"),
+    Service(
+        "~/get_available_states",
+        "lifecycle_msgs/srv/GetAvailableStates",
+        "all states of a managed node",
+    ),
+    Service(
+        "~/get_available_transitions",
+        "lifecycle_msgs/srv/GetAvailableTransitions",
+        "the transitions from the present state; `ros2 lifecycle list`",
+    ),
+    Service(
+        "~/get_transition_graph",
+        "lifecycle_msgs/srv/GetAvailableTransitions",
+        "all transitions of a managed node",
+    ),
+)
