@@ -200,9 +200,10 @@ class IkServer:
             if previous is None:
                 return self._solve_first(pose)
             result = self.solver.solve(pose, previous)
-        except AnnikError as error:
-            # One bad target must not end the service of all others.
-            return IkResult.refused(IkStatus.SOLVER_FAILED, str(error))
+        # Whatever it is: one bad target must not end the service of all others.
+        except Exception as error:
+            name = "" if isinstance(error, AnnikError) else f"{type(error).__name__}: "
+            return IkResult.refused(IkStatus.SOLVER_FAILED, f"{name}{error}")
         if result.joint_positions is None or previous.joint_positions is None:
             return result
         names = self.solver.robot.joint_names

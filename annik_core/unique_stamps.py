@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+#: A ROS stamp has 31 bits of seconds [ns].
+_LAST_STAMP = 2**31 * 1_000_000_000 - 1
+
 
 class UniqueStamps:
     """Gives out strictly increasing stamps that follow a clock.
@@ -15,8 +18,12 @@ class UniqueStamps:
         self._last: int | None = None
 
     def next(self, now: int) -> int:
-        """``now`` [ns], or one nanosecond after the last stamp if that is later."""
-        if self._last is not None and now <= self._last:
+        """``now`` [ns], or one nanosecond after the last stamp if that is later.
+
+        After the last stamp that a message can hold they begin again with the clock: a clock that
+        once showed nonsense must not end all commands.
+        """
+        if self._last is not None and now <= self._last < _LAST_STAMP:
             now = self._last + 1
         self._last = now
         return now

@@ -6,7 +6,7 @@ For the documentation, and for the test that holds the nodes to it.
 from __future__ import annotations
 
 _COUNTS = {
-    "{what}s received": "since the node was configured; accepted and refused add up to it, exactly",
+    "{what}s received": "since the configuration; accepted and refused add up to it, exactly",
     "{what}s accepted": "acted on",
     "{what}s refused": "not acted on",
     "refused: REASON": "refused for this reason; only reasons that occurred",
@@ -24,7 +24,9 @@ def _of(what: str, values: dict[str, str]) -> dict[str, str]:
 #: Key to meaning, by node.
 DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
     "ik_node": {
-        "state": "of the life cycle; the rest is there when a model is",
+        "state": "of the life cycle",
+        "callback errors": "that nobody foresaw, after which the node went on; please report "
+        "them. What follows here is there once a model is loaded",
         "model": "path of the file",
         "model sha256": "first digits of its SHA-256",
         "robot": "its name",

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import rclpy
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.task import Future
 
+from annik_core.errors import AnnikError
 from annik_ros.parameters import ExecutorChoice
 
 #: Longest wait for work [s]. Jazzy's events executor calls nobody back unless its wait is finite.
@@ -31,11 +33,29 @@ def make_executor(choice: ExecutorChoice) -> Executor:
     return SingleThreadedExecutor()
 
 
-def spin(executor: Executor, finished: Future | None = None) -> None:
+def spin(
+    executor: Executor,
+    finished: Future | None = None,
+    on_error: Callable[[Exception], None] | None = None,
+) -> None:
     """Call nodes back until ``finished`` is done or the context is shut down.
 
+    Args:
+        executor: has the nodes.
+        finished: None: never.
+        on_error: told of an error of a callback, of ours or of rclpy's own, after which the
+            nodes go on; None: it is raised.
+
     Raises:
+        AnnikError: from a callback, which ends the process on purpose.
         ExternalShutdownException: if the context is shut down while the executor waits.
     """
     while rclpy.ok() and not (finished is not None and finished.done()):
-        executor.spin_once(timeout_sec=_LONGEST_WAIT)
+        try:
+            executor.spin_once(timeout_sec=_LONGEST_WAIT)
+        except (AnnikError, ExternalShutdownException):
+            raise
+        except Exception as error:
+            if on_error is None or not rclpy.ok():
+                raise
+            on_error(error)

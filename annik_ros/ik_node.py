@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from traceback import format_exception
 
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -106,6 +107,7 @@ class IkNode(ManagedNode):
         self._serving: Serving | None = None
         self._active = False
         self._fault: AnnikError | None = None
+        self._callback_errors = 0
         self.create_service(Trigger, RELOAD_MODEL.name, self._on_reload)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
@@ -225,6 +227,14 @@ class IkNode(ManagedNode):
         elif answer.joint_positions is not None:
             serving.publishers.publish_path(answer.joint_positions)
 
+    def on_error_of_callback(self, error: Exception) -> None:
+        """Note an error that nobody foresaw, and go on: a robot may be waiting."""
+        self._callback_errors += 1
+        self.get_logger().error(
+            "error in a callback, going on: " + "".join(format_exception(error)).strip(),
+            throttle_duration_sec=WARNING_PERIOD,
+        )
+
     def _serving_if_active(self) -> Serving | None:
         """What answers targets; None, after a refusal, if nothing may be commanded now."""
         if self._active or self._serving is None:
@@ -282,7 +292,7 @@ class IkNode(ManagedNode):
             self._serving.apply(self.options)
 
     def _report(self) -> DiagnosticReport:
-        state = {"state": self.state_label}
+        state = {"state": self.state_label, "callback errors": str(self._callback_errors)}
         if self._serving is None:
             return DiagnosticReport(Level.OK, self.state_label, "", state)
         server = self._serving.server
@@ -314,6 +324,7 @@ def main(args: list[str] | None = None) -> int:
         IkNode,
         args,
         executor=lambda node: make_executor(ExecutorChoice(node.options.executor)),
+        on_error=IkNode.on_error_of_callback,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
 import rclpy
@@ -42,6 +43,7 @@ def run_node(
     args: list[str] | None = None,
     finished: Callable[[AnyNode], Future] | None = None,
     executor: Callable[[AnyNode], Executor] = lambda _: SingleThreadedExecutor(),
+    on_error: Callable[[AnyNode, Exception], None] | None = None,
 ) -> int:
     """Make a node and spin it until SIGINT, SIGTERM, its own end, or a fault.
 
@@ -51,6 +53,7 @@ def run_node(
         args: the command line; None means that of the process.
         finished: gives the future of the node that is done when its job is; None: never.
         executor: makes what calls the node back.
+        on_error: told of an error in a callback, after which the node goes on; None: it ends.
 
     Returns:
         The exit code: 0, or 1 after one line on what is wrong.
@@ -60,7 +63,12 @@ def run_node(
     node = None
     try:
         node = make_node()
-        _spin(node, executor(node), finished(node) if finished else None)
+        _spin(
+            node,
+            executor(node),
+            finished(node) if finished else None,
+            partial(on_error, node) if on_error else None,
+        )
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (AnnikError, NameValidationException) as error:
@@ -77,13 +85,18 @@ def run_node(
     return 0
 
 
-def _spin(node: Node, executor: Executor, finished: Future | None) -> None:
+def _spin(
+    node: Node,
+    executor: Executor,
+    finished: Future | None,
+    on_error: Callable[[Exception], None] | None,
+) -> None:
     executor.add_node(node)
     # What was made up to now stays: looking through it again and again would only delay targets.
     gc.collect()
     gc.freeze()
     try:
-        spin(executor, finished)
+        spin(executor, finished, on_error)
     finally:
         executor.shutdown(timeout_sec=0.0)
 

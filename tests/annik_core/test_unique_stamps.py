@@ -29,3 +29,10 @@ def test_stamps_strictly_increase_whatever_the_clock_does(times: list[int]) -> N
     given_out = [stamps.next(now) for now in times]
     assert all(before < after for before, after in pairwise(given_out))
     assert all(stamp >= now for stamp, now in zip(given_out, times, strict=True))
+
+
+def test_after_the_last_stamp_there_is_they_begin_again_with_the_clock() -> None:
+    """A clock that showed the end of time, and then the right one, must not end all commands."""
+    last = 2**31 * 1_000_000_000 - 1
+    stamps = UniqueStamps()
+    assert [stamps.next(now) for now in (5, last, 7, 7)] == [5, last, 7, 8]
