@@ -481,7 +481,7 @@ def test_a_network_that_fails_while_it_serves(alone: Callable[[Any], Any]) -> No
     failing = replace(artifact, session=FakeSession(artifact.session, alone))
     with pytest.raises(errors.NetworkFailed, match=r"gantry\.onnx: the network fails"):
         failing.joint_positions(pose[np.newaxis])
-    result = IkServer(IkSolver(failing)).answer(pose).result
+    result = IkServer(IkSolver(failing)).answer(pose)
     assert result.status is IkStatus.SOLVER_FAILED
     assert "\n" not in result.reason
 

@@ -255,6 +255,8 @@ def start(folder: Path, workers: int) -> subprocess.Popen[str]:
         stderr=(folder / "stderr").open("w"),
         text=True,
         start_new_session=True,
+        # A background shell that runs the tests has it ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     finished_lines = (folder / "results.jsonl").read_bytes().count(b"\n")
     wait_until(
