@@ -68,6 +68,8 @@ def joint_step_violation(
     limits: AcceptanceLimits,
 ) -> str | None:
     """Why the step from ``previous`` to ``joint_positions``, both ``(dof,)``, is too large."""
+    if math.isinf(limits.max_joint_step):
+        return None
     steps = np.abs(joint_positions - previous)
     if (steps <= limits.max_joint_step).all():
         return None

@@ -13,9 +13,11 @@ away from the edge, where roll and yaw are unique again.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,12 @@ from scipy.spatial.transform import Rotation
 
 from annik_core.errors import InvalidRobotDefinition
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
+from annik_core.pose import (
+    FloatArray,
+    pose_from_roll_pitch_yaw,
+    quaternion_from_roll_pitch_yaw,
+    roll_pitch_yaw,
+)
 from annik_core.robot import (
     ForwardKinematics,
     PoseErrorFunction,
@@ -45,6 +52,8 @@ GIMBAL_TOLERANCE = 1e-5
 #: How far from +-90 degrees the pose given to the network then is at least [rad]; the exported
 #: graph still tells roll and yaw apart at a tenth of it.
 GIMBAL_TILT = 1e-7
+#: Closer than this to a pitch of +-90 degrees, roll and yaw are computed with more care [rad].
+_NEAR_THE_EDGE = 1e-3
 
 _HALF_PI = 0.5 * np.pi
 _FULL_TURN = 2.0 * np.pi
@@ -81,6 +90,10 @@ class GantryKinematics(ForwardKinematics):
     def poses(self, joint_positions: FloatArray) -> FloatArray:
         """End-effector poses ``(n, 7)``; see :class:`annik_core.robot.ForwardKinematics`."""
         task = self.task_coordinates(joint_positions)
+        if len(task) == 1:
+            # The same, in a tenth of the time: it stands in the way of every command.
+            x, y, z, *angles = task[0].tolist()
+            return np.array([[x, y, z, *quaternion_from_roll_pitch_yaw(*angles)]])
         return pose_from_roll_pitch_yaw(task[:, :3], task[:, 3:])
 
     def jacobians(self, joint_positions: FloatArray) -> FloatArray:
@@ -124,44 +137,56 @@ class GantryWorkspace:
 
     def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`; the reference is roll, pitch, yaw."""
-        with warnings.catch_warnings():
-            # SciPy warns of the very case that is handled below.
-            warnings.simplefilter("ignore", UserWarning)
-            roll_pitch_yaw = Rotation.from_quat(pose[3:]).as_euler("xyz")
-        if _HALF_PI - abs(roll_pitch_yaw[1]) < GIMBAL_TOLERANCE:
-            if reference is None:
-                reference = 0.5 * (self.lower[3:] + self.upper[3:])
-            roll_pitch_yaw = _tilted_off_the_edge(
-                roll_pitch_yaw, reference, self.lower[3:], self.upper[3:]
-            )
-            pose = pose_from_roll_pitch_yaw(pose[:3], roll_pitch_yaw)
-        violation = self._violation(np.concatenate([pose[:3], roll_pitch_yaw]))
-        return ResolvedTarget(pose, violation, roll_pitch_yaw)
+        angles = roll_pitch_yaw(pose[3:])
+        resolved = np.array(angles)
+        if _HALF_PI - abs(angles[1]) < _NEAR_THE_EDGE:
+            resolved = _roll_pitch_yaw_near_the_edge(pose[3:])
+            if _HALF_PI - abs(resolved[1]) < GIMBAL_TOLERANCE:
+                if reference is None:
+                    reference = 0.5 * (self.lower[3:] + self.upper[3:])
+                resolved = _tilted_off_the_edge(
+                    resolved, reference, self.lower[3:], self.upper[3:]
+                )
+                pose = pose_from_roll_pitch_yaw(pose[:3], resolved)
+        violation = self._violation([*pose[:3].tolist(), *resolved.tolist()])
+        return ResolvedTarget(pose, violation, resolved)
 
-    def _violation(self, task: FloatArray) -> str | None:
+    def _violation(self, task: list[float]) -> str | None:
         # A rounded quaternion moves roll and yaw the more, the closer the pitch is to the edge,
         # though it turns the end effector no further.
-        turning = EDGE_TOLERANCE / max(float(np.cos(task[_PITCH])), GIMBAL_TOLERANCE)
-        tolerance = np.array([EDGE_TOLERANCE] * 3 + [turning, EDGE_TOLERANCE, turning])
-        outside = (task < self.lower - tolerance) | (task > self.upper + tolerance)
-        if not outside.any():
-            return None
-        axis = int(np.flatnonzero(outside)[0])
-        unit = "m" if axis < 3 else "rad"
-        return (
-            f"{TASK_COORDINATES[axis]} is {task[axis]:.6g} {unit}, the workspace is "
-            f"[{self.lower[axis]:.6g}, {self.upper[axis]:.6g}] {unit}"
-        )
+        turning = EDGE_TOLERANCE / max(math.cos(task[_PITCH]), GIMBAL_TOLERANCE)
+        lower, upper = self._bounds
+        for axis, value in enumerate(task):
+            tolerance = turning if axis in (_ROLL, _YAW) else EDGE_TOLERANCE
+            if not lower[axis] - tolerance <= value <= upper[axis] + tolerance:
+                unit = "m" if axis < 3 else "rad"
+                return (
+                    f"{TASK_COORDINATES[axis]} is {value:.6g} {unit}, the workspace is "
+                    f"[{lower[axis]:.6g}, {upper[axis]:.6g}] {unit}"
+                )
+        return None
+
+    @cached_property
+    def _bounds(self) -> tuple[list[float], list[float]]:
+        return self.lower.tolist(), self.upper.tolist()
+
+
+def _roll_pitch_yaw_near_the_edge(quaternion: FloatArray) -> FloatArray:
+    with warnings.catch_warnings():
+        # SciPy warns of the very case that is handled there.
+        warnings.simplefilter("ignore", UserWarning)
+        angles: FloatArray = Rotation.from_quat(quaternion).as_euler("xyz")
+    return angles
 
 
 def _tilted_off_the_edge(
-    roll_pitch_yaw: FloatArray, reference: FloatArray, lower: FloatArray, upper: FloatArray
+    angles: FloatArray, reference: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """The equivalent roll and yaw nearest the reference, with the pitch just off +-90 degrees.
 
     If some equivalent roll and yaw are between ``lower`` and ``upper``, the nearest of these.
     """
-    roll, pitch, yaw = roll_pitch_yaw
+    roll, pitch, yaw = angles
     side = 1.0 if pitch > 0 else -1.0
     # At the edge only this combination turns the end effector; it is known up to full turns.
     combined = yaw - side * roll

@@ -101,6 +101,57 @@ def pose_difference(target: FloatArray, achieved: FloatArray) -> tuple[FloatArra
     return position, rotation.as_rotvec()
 
 
+def single_pose_difference(
+    target: FloatArray, achieved: FloatArray
+) -> tuple[list[float], list[float]]:
+    """:func:`pose_difference` for one pose ``(7,)`` each, as lists of three numbers [m], [rad].
+
+    In Python's own numbers, since it stands in the way of every command: for a single rotation
+    SciPy takes some thirty times as long.
+    """
+    x, y, z, a, b, c, d = target.tolist()
+    from_x, from_y, from_z, e, f, g, h = achieved.tolist()
+    # The vector and the scalar part of the quaternion product q_target conjugate(q_achieved).
+    vector = (
+        a * h - d * e - b * g + c * f,
+        b * h - d * f - c * e + a * g,
+        c * h - d * g - a * f + b * e,
+    )
+    scalar = a * e + b * f + c * g + d * h
+    sine = math.hypot(*vector)
+    # The shorter way round; for small angles 2 atan2(sine, cosine) / sine is 2.
+    half_angle = math.atan2(sine, abs(scalar))
+    factor = math.copysign(2.0 * half_angle / sine if sine > 0.0 else 2.0, scalar)
+    return [x - from_x, y - from_y, z - from_z], [factor * part for part in vector]
+
+
+def roll_pitch_yaw(quaternion: FloatArray) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of a unit quaternion ``(4,)`` x, y, z, w.
+
+    Rotations about the fixed x, y and z axes, in this order. At a pitch of +-90 degrees roll and
+    yaw are not unique, and near it not accurate: use SciPy's rotations there.
+    """
+    x, y, z, w = quaternion.tolist()
+    # The first column and the last row of the rotation matrix.
+    xx, yx, zx = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+    zy, zz = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    return math.atan2(zy, zz), math.atan2(-zx, math.hypot(xx, yx)), math.atan2(yx, xx)
+
+
+def quaternion_from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> list[float]:
+    """Unit quaternion x, y, z, w of angles [rad] about the fixed x, y, z axes; w not negative."""
+    sine_roll, cosine_roll = math.sin(0.5 * roll), math.cos(0.5 * roll)
+    sine_pitch, cosine_pitch = math.sin(0.5 * pitch), math.cos(0.5 * pitch)
+    sine_yaw, cosine_yaw = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    quaternion = [
+        sine_roll * cosine_pitch * cosine_yaw - cosine_roll * sine_pitch * sine_yaw,
+        cosine_roll * sine_pitch * cosine_yaw + sine_roll * cosine_pitch * sine_yaw,
+        cosine_roll * cosine_pitch * sine_yaw - sine_roll * sine_pitch * cosine_yaw,
+        cosine_roll * cosine_pitch * cosine_yaw + sine_roll * sine_pitch * sine_yaw,
+    ]
+    return quaternion if quaternion[3] >= 0.0 else [-part for part in quaternion]
+
+
 def pose_distance(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far the achieved poses are from the targets: the norms of :func:`pose_difference`.
 

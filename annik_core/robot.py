@@ -14,7 +14,7 @@ import numpy as np
 
 from annik_core.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray, pose_difference
+from annik_core.pose import FloatArray, single_pose_difference
 
 
 class PoseError(NamedTuple):
@@ -72,9 +72,9 @@ def base_frame_error_to(kinematics: ForwardKinematics, target: FloatArray) -> Po
 
     def error(joint_positions: FloatArray) -> PoseError:
         achieved = kinematics.poses(joint_positions[np.newaxis])[0]
-        position, rotation = pose_difference(target, achieved)
+        position, rotation = single_pose_difference(target, achieved)
         return PoseError(
-            np.concatenate([position, rotation]), math.hypot(*position), math.hypot(*rotation)
+            np.array([*position, *rotation]), math.hypot(*position), math.hypot(*rotation)
         )
 
     last = PoseError(np.full(6, math.nan), math.nan, math.nan)

@@ -6,14 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion, WrongShape
 from annik_core.pose import (
     POSE_FIELDS,
+    FloatArray,
     checked_pose,
     pose_difference,
     pose_distance,
     pose_from_roll_pitch_yaw,
+    quaternion_from_roll_pitch_yaw,
+    roll_pitch_yaw,
+    single_pose_difference,
 )
 
 angles = st.lists(st.floats(-np.pi, np.pi), min_size=3, max_size=3)
@@ -90,3 +96,51 @@ def test_distance_is_the_norm_of_the_difference() -> None:
     assert angles == pytest.approx([0.7, 0.2])
     for row in range(2):
         assert pose_distance(target[row], start[row]) == (distances[row], angles[row])
+
+
+# --- single poses, in Python's own numbers: SciPy is the oracle ------------------------------
+
+_ANGLE = st.floats(-3.2, 3.2)
+
+
+@given(_ANGLE, st.floats(-1.5, 1.5), _ANGLE)
+def test_single_quaternions_and_angles_are_those_of_scipy(
+    roll: float, pitch: float, yaw: float
+) -> None:
+    """There and back, off the singularity."""
+    expected = Rotation.from_euler("xyz", [roll, pitch, yaw])
+    quaternion = quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
+    np.testing.assert_allclose(quaternion, expected.as_quat(canonical=True), rtol=0, atol=1e-15)
+    found = roll_pitch_yaw(np.array(quaternion))
+    turned = Rotation.from_euler("xyz", found) * expected.inv()
+    assert turned.magnitude() < 1e-14
+    np.testing.assert_allclose(np.cos(found), np.cos([roll, pitch, yaw]), rtol=0, atol=1e-13)
+
+
+@given(
+    arrays(np.float64, 3, elements=st.floats(-3.1, 3.1)),
+    arrays(np.float64, 3, elements=st.floats(-1.8, 1.8)),
+    st.integers(-12, 0),
+    st.booleans(),
+)
+def test_the_difference_of_single_poses_is_that_of_many(
+    start: FloatArray, turn: FloatArray, exponent: int, negative: bool
+) -> None:
+    """From nothing to half a turn, whichever of its two quaternions an orientation has."""
+    achieved = Rotation.from_rotvec(start)
+    target = Rotation.from_rotvec(10.0**exponent * turn) * achieved
+    sign = -1.0 if negative else 1.0
+    poses = [
+        np.array([*start, *quaternion])
+        for quaternion in (sign * target.as_quat(), achieved.as_quat())
+    ]
+    position, rotation = pose_difference(*poses)
+    single_position, single_rotation = single_pose_difference(*poses)
+    np.testing.assert_array_equal(single_position, position)
+    np.testing.assert_allclose(single_rotation, rotation, rtol=0, atol=4e-15)
+
+
+def test_the_difference_of_a_pose_to_itself_is_nothing() -> None:
+    """Exactly."""
+    pose = pose_from_roll_pitch_yaw([1, 2, 3], [0.1, 0.2, 0.3])
+    assert single_pose_difference(pose, pose) == ([0.0] * 3, [0.0] * 3)
