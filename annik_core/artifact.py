@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from annik_core.errors import (
     NonFiniteWeights,
     RobotMismatch,
 )
+from annik_core.features_session import BoundSession, pose_features, session_from_features
 from annik_core.pose import FloatArray
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
@@ -71,6 +72,10 @@ _TENSOR_TYPES = (
     onnx.TensorProto.BOOL,
 )
 _DOUBLE = np.dtype(np.float64)
+_ROLL_PITCH_YAW_ENCODING = "position_roll_pitch_yaw"
+_PITCH = 4
+#: Nearer to 90 degrees, the graph's own encoding is the more careful one [rad].
+_ACCURATE_PITCH = 0.5 * np.pi - 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +88,8 @@ class ModelArtifact:
         metadata: what it says of itself.
         robot: the robot that it carries.
         session: the onnxruntime session.
+        from_features: the same from x, y, z, roll, pitch, yaw on, for one pose; None if the graph
+            has no such part.
     """
 
     path: Path
@@ -90,6 +97,7 @@ class ModelArtifact:
     metadata: ArtifactMetadata
     robot: Robot
     session: onnxruntime.InferenceSession
+    from_features: BoundSession | None = None
 
     def joint_positions(self, poses: FloatArray) -> FloatArray:
         """The network's answer: joint positions ``(n, dof)``, unchecked, for poses ``(n, 7)``.
@@ -118,23 +126,17 @@ class ModelArtifact:
             NetworkFailed: if there is no answer.
         """
         try:
-            pose_buffer, answer_buffer, binding = self._one_pose
-            pose_buffer[0] = pose
-            self.session.run_with_iobinding(binding)
+            if self.from_features is not None:
+                features = pose_features(pose)
+                if abs(features[_PITCH]) < _ACCURATE_PITCH:
+                    return self.from_features(features)
+            return self._from_pose(pose)
         except Exception as error:
             raise NetworkFailed(self.path, _first_line(error)) from error
-        answer: FloatArray = answer_buffer[0].copy()
-        return answer
 
     @cached_property
-    def _one_pose(self) -> tuple[FloatArray, FloatArray, Any]:
-        """Memory for one pose and its answer, and onnxruntime's binding to it."""
-        pose, answer = np.zeros((1, 7)), np.zeros((1, self.robot.dof))
-        binding = self.session.io_binding()
-        # On a processor an OrtValue is the array's own memory.
-        binding.bind_ortvalue_input(INPUT_NAME, onnxruntime.OrtValue.ortvalue_from_numpy(pose))
-        binding.bind_ortvalue_output(OUTPUT_NAME, onnxruntime.OrtValue.ortvalue_from_numpy(answer))
-        return pose, answer, binding
+    def _from_pose(self) -> BoundSession:
+        return BoundSession(self.session, (INPUT_NAME, OUTPUT_NAME), (7, self.robot.dof))
 
 
 def default_model_path() -> Path:
@@ -240,7 +242,18 @@ def validated_artifact(content: bytes, path: Path) -> ModelArtifact:
     sha256 = hashlib.sha256(content).hexdigest()
     artifact = ModelArtifact(path, sha256, metadata, robot, session)
     _check_references(artifact)
-    return artifact
+    if metadata.encoding != _ROLL_PITCH_YAW_ENCODING:
+        return artifact
+    return replace(
+        artifact,
+        from_features=session_from_features(
+            model,
+            np.array(metadata.reference_poses, dtype=np.float64),
+            np.array(metadata.reference_joint_positions, dtype=np.float64),
+            REFERENCE_TOLERANCE,
+            lambda rest: make_session(rest, path),
+        ),
+    )
 
 
 def _read(path: Path) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 
@@ -77,12 +78,19 @@ class CommandSafety:
                 f"less than workspace_box_upper, {self.workspace_box_upper}, in x, y and z",
             )
 
+    @cached_property
+    def has_workspace_box(self) -> bool:
+        """Whether the box leaves anything out."""
+        return any(map(math.isfinite, (*self.workspace_box_lower, *self.workspace_box_upper)))
+
 
 def box_violation(pose: FloatArray, safety: CommandSafety) -> str | None:
     """Why the position of a pose ``(7,)`` is outside the workspace box, or None.
 
     A pose that is not finite has no violation here: that is another check's to say.
     """
+    if not safety.has_workspace_box:
+        return None
     bounds = zip(
         pose[:3].tolist(), safety.workspace_box_lower, safety.workspace_box_upper, strict=True
     )

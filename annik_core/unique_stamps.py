@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-#: A ROS stamp has 31 bits of seconds [ns].
-_LAST_STAMP = 2**31 * 1_000_000_000 - 1
+#: The last time that a ROS stamp can hold; it has 31 bits of seconds [ns].
+LAST_STAMP = 2**31 * 1_000_000_000 - 1
 
 
 class UniqueStamps:
@@ -21,9 +21,10 @@ class UniqueStamps:
         """``now`` [ns], or one nanosecond after the last stamp if that is later.
 
         After the last stamp that a message can hold they begin again with the clock: a clock that
-        once showed nonsense must not end all commands.
+        once showed nonsense, such as a time later than that, must not end all commands.
         """
-        if self._last is not None and now <= self._last < _LAST_STAMP:
+        now = min(now, LAST_STAMP)
+        if self._last is not None and now <= self._last < LAST_STAMP:
             now = self._last + 1
         self._last = now
         return now

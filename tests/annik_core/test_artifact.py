@@ -478,7 +478,7 @@ def test_a_network_that_fails_while_it_serves(alone: Callable[[Any], Any]) -> No
     """The target is refused and counted; the service goes on."""
     artifact = load_artifact(default_model_path())
     pose = np.array(artifact.metadata.reference_poses[0])
-    failing = replace(artifact, session=FakeSession(artifact.session, alone))
+    failing = replace(artifact, session=FakeSession(artifact.session, alone), from_features=None)
     with pytest.raises(errors.NetworkFailed, match=r"gantry\.onnx: the network fails"):
         failing.joint_positions(pose[np.newaxis])
     result = IkServer(IkSolver(failing)).answer(pose)

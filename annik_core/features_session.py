@@ -1,0 +1,121 @@
+"""Run a network from its features on: for one pose, the encoding in the graph is most of the time.
+
+A model file holds everything from the pose to the joint positions. The first part of the gantry's
+graph turns a quaternion into roll, pitch and yaw, in some fifty operations on single numbers, each
+of which costs onnxruntime as much as a whole layer. Where the angles are at hand, the rest of the
+graph alone gives the same answer. Which part that is, is found by trying, and proven by the
+reference answers in the file; a graph without such a part is run whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+
+from annik_core.pose import FloatArray, roll_pitch_yaw
+
+MakeSession = Callable[[bytes], onnxruntime.InferenceSession]
+
+
+class BoundSession:
+    """A session bound to memory for one row of numbers and its answer.
+
+    Not for several threads at once: both pass through memory of this object.
+    """
+
+    def __init__(
+        self, session: onnxruntime.InferenceSession, names: tuple[str, str], sizes: tuple[int, int]
+    ) -> None:
+        """Bind.
+
+        Args:
+            session: what is run.
+            names: of its input and its output.
+            sizes: how many numbers a row of each has.
+        """
+        self._session = session
+        self._input, self._output = (np.zeros((1, size)) for size in sizes)
+        self._binding: Any = session.io_binding()
+        # On a processor an OrtValue is the array's own memory.
+        self._binding.bind_ortvalue_input(
+            names[0], onnxruntime.OrtValue.ortvalue_from_numpy(self._input)
+        )
+        self._binding.bind_ortvalue_output(
+            names[1], onnxruntime.OrtValue.ortvalue_from_numpy(self._output)
+        )
+
+    def __call__(self, row: FloatArray | list[float]) -> FloatArray:
+        """The answer ``(m,)`` to a row ``(n,)``."""
+        self._input[0] = row
+        self._session.run_with_iobinding(self._binding)
+        answer: FloatArray = self._output[0].copy()
+        return answer
+
+
+def pose_features(pose: FloatArray) -> list[float]:
+    """x, y, z [m], roll, pitch, yaw [rad] of a pose ``(7,)``."""
+    x, y, z = pose[:3].tolist()
+    return [x, y, z, *roll_pitch_yaw(pose[3:])]
+
+
+def session_from_features(
+    model: onnx.ModelProto,
+    poses: FloatArray,
+    expected: FloatArray,
+    tolerance: float,
+    make_session: MakeSession,
+) -> BoundSession | None:
+    """A session of the rest of a graph behind its features, or None if it has no such part.
+
+    Args:
+        model: the checked graph.
+        poses: ``(n, 7)`` to prove it on.
+        expected: ``(n, dof)`` the whole graph's answers to them.
+        tolerance: how far an answer may be from that.
+        make_session: makes a session of a serialized graph.
+
+    Raises:
+        ArtifactNotReadable: as ``make_session`` does.
+    """
+    features = [pose_features(pose) for pose in poses]
+    for name, rest in _rests(model):
+        output = model.graph.output[0].name
+        bound = BoundSession(
+            make_session(rest), (name, output), (len(features[0]), expected.shape[1])
+        )
+        try:
+            answers = np.array([bound(row) for row in features])
+        # A cut of another width; onnxruntime's exceptions have no common base but Exception.
+        except Exception:
+            continue
+        if float(np.abs(answers - expected).max()) <= tolerance:
+            return bound
+    return None
+
+
+def _rests(model: onnx.ModelProto) -> Iterator[tuple[str, bytes]]:
+    """The graph from each tensor on that all that follows comes from alone, and its name."""
+    nodes = model.graph.node
+    constants = {tensor.name for tensor in model.graph.initializer}
+    # What each node and those behind it need from before.
+    needed: set[str] = {model.graph.output[0].name}
+    cuts = []
+    for index in range(len(nodes) - 1, -1, -1):
+        if len(needed) == 1 and index < len(nodes) - 1:
+            cuts.append((index + 1, next(iter(needed))))
+        needed -= set(nodes[index].output)
+        needed |= {name for name in nodes[index].input if name and name not in constants}
+    for index, name in reversed(cuts):
+        rest = onnx.ModelProto()
+        rest.CopyFrom(model)
+        del rest.graph.node[:index]
+        del rest.graph.input[:]
+        del rest.graph.value_info[:]
+        rest.graph.input.append(
+            onnx.helper.make_tensor_value_info(name, onnx.TensorProto.DOUBLE, ["n", None])
+        )
+        yield name, rest.SerializeToString()
