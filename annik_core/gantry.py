@@ -14,14 +14,12 @@ away from the edge, where roll and yaw are unique again.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from annik_core.errors import InvalidRobotDefinition
 from annik_core.joint_limits import JointLimits
@@ -52,8 +50,6 @@ GIMBAL_TOLERANCE = 1e-5
 #: How far from +-90 degrees the pose given to the network then is at least [rad]; the exported
 #: graph still tells roll and yaw apart at a tenth of it.
 GIMBAL_TILT = 1e-7
-#: Closer than this to a pitch of +-90 degrees, roll and yaw are computed with more care [rad].
-_NEAR_THE_EDGE = 1e-3
 
 _HALF_PI = 0.5 * np.pi
 _FULL_TURN = 2.0 * np.pi
@@ -137,19 +133,14 @@ class GantryWorkspace:
 
     def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`; the reference is roll, pitch, yaw."""
-        angles = roll_pitch_yaw(pose[3:])
-        resolved = np.array(angles)
-        if _HALF_PI - abs(angles[1]) < _NEAR_THE_EDGE:
-            resolved = _roll_pitch_yaw_near_the_edge(pose[3:])
-            if _HALF_PI - abs(resolved[1]) < GIMBAL_TOLERANCE:
-                if reference is None:
-                    reference = 0.5 * (self.lower[3:] + self.upper[3:])
-                resolved = _tilted_off_the_edge(
-                    resolved, reference, self.lower[3:], self.upper[3:]
-                )
-                pose = pose_from_roll_pitch_yaw(pose[:3], resolved)
-        violation = self._violation([*pose[:3].tolist(), *resolved.tolist()])
-        return ResolvedTarget(pose, violation, resolved)
+        position = pose[:3].tolist()
+        angles = np.array(roll_pitch_yaw(pose[3:]))
+        if _HALF_PI - abs(angles[1]) < GIMBAL_TOLERANCE:
+            if reference is None:
+                reference = 0.5 * (self.lower[3:] + self.upper[3:])
+            angles = _tilted_off_the_edge(angles, reference, self.lower[3:], self.upper[3:])
+            pose = np.array([*position, *quaternion_from_roll_pitch_yaw(*angles.tolist())])
+        return ResolvedTarget(pose, self._violation([*position, *angles.tolist()]), angles)
 
     def _violation(self, task: list[float]) -> str | None:
         # A rounded quaternion moves roll and yaw the more, the closer the pitch is to the edge,
@@ -169,14 +160,6 @@ class GantryWorkspace:
     @cached_property
     def _bounds(self) -> tuple[list[float], list[float]]:
         return self.lower.tolist(), self.upper.tolist()
-
-
-def _roll_pitch_yaw_near_the_edge(quaternion: FloatArray) -> FloatArray:
-    with warnings.catch_warnings():
-        # SciPy warns of the very case that is handled there.
-        warnings.simplefilter("ignore", UserWarning)
-        angles: FloatArray = Rotation.from_quat(quaternion).as_euler("xyz")
-    return angles
 
 
 def _tilted_off_the_edge(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +17,11 @@ from annik_core.artifact import ModelArtifact, load_artifact
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.pose import FloatArray, checked_pose
-from annik_core.refinement import Refined, Refinement, RefinementOptions
+from annik_core.refinement_options import Refined, RefinementOptions
 from annik_core.robot import ResolvedTarget, Robot
+
+if TYPE_CHECKING:
+    from annik_core.refinement import Refinement
 
 
 class SolverMode(Enum):
@@ -60,6 +63,11 @@ class IkSolver:
     mode: SolverMode = SolverMode.AUTO
     refinement_options: RefinementOptions = RefinementOptions()
     seed_from_previous: bool = False
+
+    def __post_init__(self) -> None:
+        """Load what answers need now, not while the first target waits."""
+        if self.refines:
+            _ = self._refinement
 
     @classmethod
     def from_file(cls, path: str | Path, limits: AcceptanceLimits | None = None) -> IkSolver:
@@ -122,6 +130,9 @@ class IkSolver:
 
     @cached_property
     def _refinement(self) -> Refinement:
+        # Loaded for those who refine only: the linear algebra behind it takes a while.
+        from annik_core.refinement import Refinement
+
         robot = self.robot
         return Refinement(robot.forward_kinematics, robot.joint_box, self.refinement_options)
 

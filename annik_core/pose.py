@@ -1,9 +1,11 @@
 """Poses as arrays, their checks, and the difference between two of them.
 
 A pose is an array ``(7,)`` of float64, ``x, y, z`` [m] and the unit quaternion ``qx, qy, qz, qw``,
-of the end effector in the base frame; many poses are ``(n, 7)``. Rotations are computed by
-:class:`scipy.spatial.transform.Rotation`. Roll, pitch and yaw are rotations about the fixed x, y
-and z axes, in this order (REP-103), the paper's psi, theta and phi.
+of the end effector in the base frame; many poses are ``(n, 7)``. Roll, pitch and yaw are rotations
+about the fixed x, y and z axes, in this order (REP-103), the paper's psi, theta and phi.
+
+Rotations of many poses are computed by :class:`scipy.spatial.transform.Rotation`, loaded when it
+is first needed: a node, which has one pose at a time, is ready sooner without it.
 """
 
 from __future__ import annotations
@@ -12,7 +14,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion, WrongShape
 
@@ -77,6 +78,8 @@ def pose_from_roll_pitch_yaw(position: ArrayLike, roll_pitch_yaw: ArrayLike) -> 
     Returns:
         ``(n, 7)`` or ``(7,)``; the quaternion's w is not negative.
     """
+    from scipy.spatial.transform import Rotation
+
     angles = np.asarray(roll_pitch_yaw, dtype=np.float64)
     quaternion = Rotation.from_euler("xyz", angles).as_quat(canonical=True)
     return np.concatenate([np.asarray(position, dtype=np.float64), quaternion], axis=-1)
@@ -96,6 +99,8 @@ def pose_difference(target: FloatArray, achieved: FloatArray) -> tuple[FloatArra
         Position difference [m] and rotation vector [rad, norm in [0, pi]], each ``(3,)`` or
         ``(n, 3)``.
     """
+    from scipy.spatial.transform import Rotation
+
     position = target[..., :3] - achieved[..., :3]
     rotation = Rotation.from_quat(target[..., 3:]) * Rotation.from_quat(achieved[..., 3:]).inv()
     return position, rotation.as_rotvec()
@@ -128,14 +133,23 @@ def single_pose_difference(
 def roll_pitch_yaw(quaternion: FloatArray) -> tuple[float, float, float]:
     """Roll, pitch and yaw [rad] of a unit quaternion ``(4,)`` x, y, z, w.
 
-    Rotations about the fixed x, y and z axes, in this order. At a pitch of +-90 degrees roll and
-    yaw are not unique, and near it not accurate: use SciPy's rotations there.
+    Rotations about the fixed x, y and z axes, in this order; roll and yaw in [-pi, pi]. At a pitch
+    of 90 degrees the two are not unique, only their difference is; at -90 degrees their sum.
+    Accurate up to there [Bernardes2022]_.
+
+    References:
+        [Bernardes2022] E. Bernardes, S. Viollet: Quaternion to Euler angles conversion: a direct,
+        general and computationally efficient method. PLoS ONE 17(11), 2022.
     """
     x, y, z, w = quaternion.tolist()
-    # The first column and the last row of the rotation matrix.
-    xx, yx, zx = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
-    zy, zz = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-    return math.atan2(zy, zz), math.atan2(-zx, math.hypot(xx, yx)), math.atan2(yx, xx)
+    half_sum = math.atan2(x + z, w - y)
+    half_difference = math.atan2(z - x, w + y)
+    pitch = 2.0 * math.atan2(math.hypot(w + y, z - x), math.hypot(w - y, x + z)) - 0.5 * math.pi
+    return (
+        math.remainder(half_sum - half_difference, math.tau),
+        pitch,
+        math.remainder(half_sum + half_difference, math.tau),
+    )
 
 
 def quaternion_from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> list[float]:

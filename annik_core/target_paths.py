@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation, Slerp
 
 from annik_core.errors import AnnikError, TargetPathError
 from annik_core.pose import FloatArray, checked_pose, pose_from_roll_pitch_yaw
@@ -79,6 +78,8 @@ def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
     share = _shares(points)
     first, last = checked_pose(start), checked_pose(end)
     positions = (1 - share[:, np.newaxis]) * first[:3] + share[:, np.newaxis] * last[:3]
+    from scipy.spatial.transform import Rotation, Slerp
+
     turn = Slerp([0.0, 1.0], Rotation.from_quat(np.stack([first[3:], last[3:]])))
     return np.concatenate([positions, turn(share).as_quat(canonical=True)], axis=1)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annik_core.pose import FloatArray, pose_difference
+from annik_core.pose import FloatArray, single_pose_difference
 from annik_core.robot import Robot
 
 
@@ -32,5 +32,5 @@ def achieved_pose(robot: Robot, joint_positions: FloatArray) -> FloatArray:
 
 def tracking_error(target: FloatArray, achieved: FloatArray) -> TrackingError:
     """Error of an achieved pose ``(7,)`` against its target ``(7,)``, both checked poses."""
-    position, orientation = pose_difference(target, achieved)
-    return TrackingError(position, orientation)
+    position, orientation = single_pose_difference(target, achieved)
+    return TrackingError(np.array(position), np.array(orientation))

@@ -10,7 +10,7 @@ from annik_core.acceptance import AcceptanceLimits
 from annik_core.artifact import ModelArtifact
 from annik_core.command_safety import CommandSafety, FirstCommandRule
 from annik_core.ik_solver import IkSolver, SolverMode
-from annik_core.refinement import RefinementOptions
+from annik_core.refinement_options import RefinementOptions
 from annik_core.target_paths import DIAGONAL_POINTS
 from annik_ros.parameter_table import Parameter, parameter, parameter_table
 from msg_tools.topics import TOPICS

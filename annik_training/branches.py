@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from annik_core.fold_reflection import reflected_across_fold
 from annik_core.pose import FloatArray
-from annik_core.refinement import Refinement, RefinementOptions, jacobian_of
+from annik_core.refinement import Refinement, jacobian_of
+from annik_core.refinement_options import RefinementOptions
 from annik_core.robot import Robot
 
 #: Steps of the search for the other solution; nothing hurries here.

@@ -10,7 +10,7 @@ import numpy as np
 
 from annik_core.ik_solver import SolverMode
 from annik_core.pose import FloatArray, pose_distance
-from annik_core.refinement import Refined, RefinementOptions
+from annik_core.refinement_options import Refined, RefinementOptions
 from annik_training.dataset import Dataset
 from annik_training.refined_evaluation import RefinedEvaluation, evaluate_refined, refine_all
 

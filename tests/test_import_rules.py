@@ -97,3 +97,22 @@ def test_no_statement_imports_the_forbidden(module: str) -> None:
         elif isinstance(node, ast.ImportFrom) and node.module:
             imported.add(node.module.split(".")[0])
     assert not imported & forbidden(module)
+
+
+def test_serving_the_gantry_loads_no_library_that_it_can_do_without() -> None:
+    """A node is ready the sooner; and nothing is loaded late, while a target waits."""
+    script = (
+        "import sys, annik_ros.parameters\n"
+        "from annik_core.ik_server import IkServer\n"
+        "from annik_core.ik_solver import IkSolver\n"
+        "server = IkServer(IkSolver.from_file('gantry'))\n"
+        "pose = server.solver.robot.forward_kinematics.poses("
+        "server.solver.robot.joint_box.centre[None])[0]\n"
+        "before = set(sys.modules)\n"
+        "assert server.answer(pose).accepted\n"
+        "print(sorted(set(sys.modules) - before), {'scipy', 'pinocchio'} & set(sys.modules))\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert result.stdout == "[] set()\n", result.stdout + result.stderr

@@ -21,7 +21,7 @@ from annik_core.gantry import GantryKinematics
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.ik_solver import IkSolver, SolverMode
 from annik_core.pose import FloatArray, pose_distance, pose_from_roll_pitch_yaw
-from annik_core.refinement import RefinementOptions
+from annik_core.refinement_options import RefinementOptions
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 

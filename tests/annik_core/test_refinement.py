@@ -15,12 +15,8 @@ from urdf_texts import planar_arm
 
 from annik_core import refinement
 from annik_core.pose import FloatArray, pose_distance
-from annik_core.refinement import (
-    InvalidRefinementOption,
-    Refined,
-    Refinement,
-    RefinementOptions,
-)
+from annik_core.refinement import Refinement
+from annik_core.refinement_options import InvalidRefinementOption, Refined, RefinementOptions
 from annik_core.robot import ForwardKinematics, PoseErrorFunction, Robot
 from annik_core.robot_library import load_robot, packaged_robots
 

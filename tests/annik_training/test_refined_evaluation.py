@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from annik_core.pose import pose_distance
-from annik_core.refinement import Refinement, RefinementOptions
+from annik_core.refinement import Refinement
+from annik_core.refinement_options import RefinementOptions
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_training.dataset import Dataset, compute_random_dataset
