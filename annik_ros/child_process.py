@@ -54,6 +54,11 @@ class ChildProcess:
             )
             _running.append(self)
 
+    @property
+    def pid(self) -> int:
+        """The number of the process."""
+        return self._process.pid
+
     def __enter__(self) -> ChildProcess:
         """The process itself."""
         return self

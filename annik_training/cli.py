@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -538,6 +539,25 @@ def bench_ik(robot: str, model: Path | None, out: Path, docs: Path | None, **amo
     from annik_training.bench.results import BenchSettings
 
     bench_ik_command(robot, model, BenchSettings(**amounts), out, docs)
+
+
+@bench.command(
+    "node",
+    # All of them are those of the process that is started, --help too.
+    context_settings={"ignore_unknown_options": True, "help_option_names": []},
+)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def bench_node(arguments: tuple[str, ...]) -> None:
+    """The node: ik_node beside one that does nothing, over ROS 2.
+
+    Round trips, streams of targets, processor time, memory and start. Needs rclpy, and about half
+    an hour; --quick shows in half a minute that it works, --help what else there is.
+    """
+    # ROS is never loaded here: what trains must work without it.
+    if find_spec("rclpy") is None:
+        raise MissingLibrary("rclpy", "ros")
+    command = [sys.executable, "-m", "annik_ros.node_bench", *arguments]
+    click.get_current_context().exit(subprocess.run(command, check=False).returncode)
 
 
 class ConflictingOptions(AnnikError):

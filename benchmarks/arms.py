@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from annik_core.artifact import load_artifact
+from annik_core.machine import machine
 from annik_core.robot_library import load_robot, packaged_robots
 from annik_training.bench.measure_paths import measure_paths
 from annik_training.bench.ours import our_solvers
@@ -21,7 +22,6 @@ from annik_training.bench.straight_paths import straight_paths
 from annik_training.bench.verification import Verifier
 from annik_training.dataset import compute_dataset, compute_random_dataset
 from annik_training.fitting.fit_options import ARM_OPTIONS
-from annik_training.machine import machine
 from annik_training.train import train
 from benchmarks.answer_targets import answers_of
 

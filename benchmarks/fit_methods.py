@@ -20,6 +20,7 @@ from scipy.optimize import least_squares
 from torch import Tensor
 from torch.func import functional_call, jacrev, vmap
 
+from annik_core.machine import machine
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
@@ -30,7 +31,6 @@ from annik_training.fitting.fit_network import fit_start, scaled_examples, untra
 from annik_training.fitting.fit_options import FitOptions
 from annik_training.fitting.network import InverseKinematicsNetwork, ScaledNetwork
 from annik_training.fitting.separable_least_squares import ScaledExamples
-from annik_training.machine import machine
 from annik_training.systems.inverse_kinematics_system import InverseKinematicsSystem
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "fit_methods.md"

@@ -16,8 +16,8 @@ import numpy as np
 
 from annik_core.artifact import default_model_path
 from annik_core.ik_solver import IkSolver
+from annik_core.machine import machine
 from annik_core.pose import FloatArray, checked_pose, pose_difference
-from annik_training.machine import machine
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "solve_time.md"
 

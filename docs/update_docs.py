@@ -18,13 +18,13 @@ from pathlib import Path
 
 from annik_core.acceptance import AcceptanceLimits
 from annik_core.ik_result import REFUSALS, IkStatus
+from annik_core.machine import machine
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
 from annik_ros.parameter_table import Parameter
 from annik_ros.parameters import PARAMETER_TABLES
 from annik_ros.services import SERVICES
 from annik_training.designs.registry import DESIGNS
 from annik_training.designs.thirty_phase_design import describe_phases
-from annik_training.machine import machine
 from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent
@@ -174,6 +174,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     },
     DOCS / "training.md": {"designs": designs, "phases": phases},
     DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
+    DOCS / "performance.md": {"node_bench": result("node_bench")},
 }
 
 

@@ -7,8 +7,8 @@ import platform
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from annik_core.machine import processor
 from annik_training.bench.peers.peer import installed_version
-from annik_training.machine import processor
 
 _LIBRARIES = ("numpy", "scipy", "onnxruntime", "pin")
 #: What says how many threads the libraries of linear algebra use.

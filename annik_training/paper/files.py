@@ -7,7 +7,7 @@ from pathlib import Path
 
 from annik_core.atomic_write import ensure_writable_folder, write_files_atomically
 from annik_core.errors import ReproductionNotWritable
-from annik_training.machine import machine
+from annik_core.machine import machine
 from annik_training.paper.csv_tables import csv_tables
 from annik_training.paper.document import paper_document
 from annik_training.paper.figures import paper_figures

@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import fields
 
+from annik_core.machine import machine
 from annik_training.fitting.training_options import TRAINING_MEANINGS
 from annik_training.jobs.fit_job import TEST_EXAMPLES
-from annik_training.machine import machine
 from annik_training.study.run import StudyOutcome
 from annik_training.study.settings import StudySettings
 from annik_training.study.summary import (
