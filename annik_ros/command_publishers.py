@@ -71,8 +71,11 @@ class CommandPublishers:
         self._target_publisher.publish(self._target.filled(stamp, result.target))
 
     def publish_path(self, joint_positions: FloatArray) -> None:
-        """Publish a whole path ``(n, dof)`` as a trajectory; its end is then held."""
-        self._last = joint_positions[-1]
+        """Publish a whole path ``(n, dof)`` as a trajectory.
+
+        After that there is nothing to repeat: the end of the path may still be far ahead.
+        """
+        self._last = None
         self._trajectory_publisher.publish(self._trajectory(joint_positions))
 
     def repeat(self) -> None:

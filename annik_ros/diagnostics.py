@@ -15,6 +15,8 @@ from std_msgs.msg import Header
 
 from annik_core.outcome_counts import OutcomeSummary
 from annik_core.solve_statistics import SolveSummary
+from annik_core.unique_stamps import LAST_STAMP
+from msg_tools.stamp import stamp_to_message
 from msg_tools.topics import DIAGNOSTICS
 
 #: Time between two reports [s].
@@ -142,5 +144,6 @@ class DiagnosticsPublisher:
 
     def _publish(self) -> None:
         name = self._node.get_fully_qualified_name().lstrip("/")
-        stamp = self._node.get_clock().now().to_msg()
+        # A simulated clock may show a time that is too late for any message.
+        stamp = stamp_to_message(min(self._node.get_clock().now().nanoseconds, LAST_STAMP))
         self._publisher.publish(diagnostic_array(self._report(), name, stamp))

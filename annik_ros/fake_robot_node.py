@@ -24,6 +24,7 @@ from annik_ros.parameter_table import InvalidParameter
 from annik_ros.parameters import FakeRobotParameters
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.spin import run_node
+from annik_ros.throttle import Throttle
 from msg_tools.joint_state import joint_positions_from_message, joint_state_to_message
 from msg_tools.pose import pose_from_message, pose_stamped_to_message
 from msg_tools.stamp import MalformedStamp, stamp_from_message, stamp_to_message
@@ -57,6 +58,7 @@ class FakeRobotNode(Node):
         self._fake_robot = FakeRobot(robot)
         self._counts = OutcomeCounts(time.monotonic())
         self._refused_targets = 0
+        self._warning = Throttle(WARNING_PERIOD)
         self._pairing: StampPairing[FloatArray, FloatArray] = StampPairing()
         results = reliable(RESULT_DEPTH)
         self._state_publisher = self.create_publisher(JointState, JOINT_STATES.name, results)
@@ -117,7 +119,8 @@ class FakeRobotNode(Node):
         )
 
     def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
+        if self._warning.is_due():
+            self.get_logger().warning(text)
 
     def _report(self) -> DiagnosticReport:
         robot = self._fake_robot.robot

@@ -33,6 +33,7 @@ from annik_ros.parameters import ExecutorChoice, IkNodeParameters, OnRefusal
 from annik_ros.qos import reliable
 from annik_ros.services import RELOAD_MODEL
 from annik_ros.spin import run_node
+from annik_ros.throttle import Throttle
 from msg_tools.cdr import (
     StampedPoses,
     pose_array_from_bytes,
@@ -108,14 +109,17 @@ class IkNode(ManagedNode):
         self._active = False
         self._fault: AnnikError | None = None
         self._callback_errors = 0
+        self._warning = Throttle(WARNING_PERIOD)
         self.create_service(Trigger, RELOAD_MODEL.name, self._on_reload)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
-        if self.options.autostart:
+        self._starts_itself = self.options.autostart
+        if self._starts_itself:
             self.trigger_configure()
             if self._fault is not None:
                 raise self._fault
             self.trigger_activate()
+            self._starts_itself = False
         else:
             self.get_logger().info("unconfigured: waiting for lifecycle transitions")
 
@@ -127,7 +131,7 @@ class IkNode(ManagedNode):
             self._serving = Serving(self, self.options)
         except AnnikError as error:
             self._fault = error
-            if not self.options.autostart:
+            if not self._starts_itself:
                 self.get_logger().error(f"not configured: {error}")
             return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
@@ -254,7 +258,13 @@ class IkNode(ManagedNode):
         if not result.accepted:
             self._refused(serving, result)
             return
-        serving.publishers.publish(result)
+        try:
+            serving.publishers.publish(result)
+        except RuntimeError:
+            # A signal has ended the context while the target was answered.
+            if self.context.ok():
+                raise
+            return
         serving.server.record_latency(time.perf_counter() - arrival)
 
     def _refused(self, serving: Serving, refusal: IkResult) -> None:
@@ -263,10 +273,8 @@ class IkNode(ManagedNode):
         self._warn(refusal)
 
     def _warn(self, refusal: IkResult) -> None:
-        self.get_logger().warning(
-            f"target refused, {refusal.status.value}: {refusal.reason}",
-            throttle_duration_sec=WARNING_PERIOD,
-        )
+        if self._warning.is_due():
+            self.get_logger().warning(f"target refused, {refusal.status.value}: {refusal.reason}")
 
     def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._serving is None:

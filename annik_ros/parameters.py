@@ -195,7 +195,7 @@ class IkNodeParameters:
         "Time that a trajectory gives its robot from point to point, and to the first.",
         unit="s",
         minimum=1e-3,
-        maximum=3600.0,
+        maximum=1000.0,
         read_only=False,
     )
     max_path_poses: int = parameter(

@@ -9,10 +9,10 @@ What is measured:
 - *Round trip*: from just before a target is handed to the client's publisher to the client's
   callback for its command. All nodes are alive, each in a namespace of its own; the client asks
   one at a time, some targets in a row or a single one, then the next node, in a new random order
-  every time. Whatever slows the machine slows all of them. Every target is a new one, drawn from the working joint box. The
-  client uses the events executor, sends and takes bytes, and waits a moment between two targets,
-  so that the node asked before has finished what it does after its answer. The client's share of
-  a round trip is in all rows alike.
+  every time. Whatever slows the machine slows all of them. Every target is a new one, drawn from
+  the working joint box. The client uses the events executor, sends and takes bytes, and waits a
+  moment between two targets, so that the node asked before has finished what it does after its
+  answer. The client's share of a round trip is in all rows alike.
 - *CPU*: processor time of the node's process by ``/proc``, user and system, all its threads.
 - *Streams*: a process of its own publishes targets at a rate, each once and each with an x of its
   own; the client takes what comes back. It does not catch up when it was late: a burst would not
