@@ -98,6 +98,7 @@ setup(
             "mypy",
             "pytest",
             "pytest-cov",
+            "pytest-xdist",
             "ruff",
             # From 80 on, setuptools lacks the commands that colcon calls.
             "setuptools<80",

@@ -61,7 +61,12 @@ READY_LINES = {
     "target_publisher": "subscriber(s)",
 }
 
-_domains = itertools.count(os.getpid())
+# Several runs of the tests may go on at once, and each in several processes, numbered by
+# pytest-xdist: a run begins anywhere, and each of its processes has every other domain.
+_workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+_run = os.getpid() if _workers == 1 else os.getppid()
+_domains = itertools.count(_run * _workers + _worker, _workers)
 
 
 class NodeProcess:
