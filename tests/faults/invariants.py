@@ -39,8 +39,8 @@ CONTACTS = [good_target(-2 - number) for number in range(100)]
 def connect(client: Client, result: str = "joint_command", first: int = 0) -> int:
     """Send targets until one of them has this result and no other is on its way.
 
-    A reader that learns of its writer later
-    than the other way round gets the first ones only seconds after they were sent; but in order.
+    A reader that learns of its writer later than the other way round gets the first ones only
+    seconds after they were sent; but in order.
 
     Args:
         client: what sends them.
