@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import rclpy
 from rclpy.exceptions import NameValidationException
@@ -17,6 +18,8 @@ from rclpy.task import Future
 
 from annik_core.errors import AnnikError
 from annik_ros.executors import spin
+
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
@@ -58,6 +61,9 @@ def run_node(
     Returns:
         The exit code: 0, or 1 after one line on what is wrong.
     """
+    # A signal that comes while things are half made waits until they are whole: the middleware
+    # and the events executor would take it for a fault, or end the process.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     if not initialise(name, args):
         return 1
     node = None
@@ -91,11 +97,12 @@ def _spin(
     finished: Future | None,
     on_error: Callable[[Exception], None] | None,
 ) -> None:
-    executor.add_node(node)
     # What was made up to now stays: looking through it again and again would only delay targets.
     gc.collect()
     gc.freeze()
     try:
+        executor.add_node(node)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
         spin(executor, finished, on_error)
     finally:
         executor.shutdown(timeout_sec=0.0)
