@@ -23,7 +23,7 @@ from annik_training.bench.verification import Verifier
 from annik_training.dataset import compute_dataset, compute_random_dataset
 from annik_training.fitting.fit_options import ARM_OPTIONS
 from annik_training.train import train
-from benchmarks.answer_targets import answers_of
+from benchmarks.answer_targets import PASSES, answers_of
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "docs" / "results" / "arms.md"
@@ -58,7 +58,7 @@ def main() -> None:
         "<!-- Written by ./run bench arms -->",
         "",
         f"{arguments.targets} targets, {arguments.paths} straight paths of {_POINTS} points, one "
-        f"seed. {machine()}",
+        f"seed; times of the quietest of {PASSES} passes over the targets. {machine()}",
         "",
         "| " + " | ".join(_HEADER) + " |",
         "| " + " | ".join("---" for _ in _HEADER) + " |",
