@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 import pytest
 
@@ -228,7 +229,8 @@ class Client:
         """Send one target again and again until its result arrives: everybody has met.
 
         A publisher knows its subscriber a moment before or after the subscriber knows it, so no
-        count of matches says that the whole chain is there.
+        count of matches says that the whole chain is there. No result of these targets is still on
+        its way afterwards.
         """
         deadline = time.monotonic() + TIMEOUT
         while not self._has_result(pose, result):
@@ -238,6 +240,12 @@ class Client:
             pause = time.monotonic() + 0.3
             while time.monotonic() < pause and not self._has_result(pose, result):
                 self.executor.spin_once(timeout_sec=0.05)
+        # Told from the others by its last bit, and answered after them: topics keep their order.
+        last = pose.copy()
+        last[0] = np.nextafter(pose[0], np.inf)
+        self.send(last)
+        topics = ("joint_command", result)
+        self.wait_for_results(last, [topic for topic in topics if self._has_result(pose, topic)])
 
     def wait_for_results(self, pose: FloatArray, topics: Sequence[str]) -> None:
         """Wait for what came of a target on every one of these topics.

@@ -52,7 +52,9 @@ def test_what_is_served_is_what_was_checked_whatever_becomes_of_the_file(
     model = tmp_path / "model.onnx"
     shutil.copy(default_model_path(), model)
     launch("ik_node", "-p", f"model:={model}", "-p", "queue_depth:=100")
-    client.connect(good_target(0))
+    connect(client)
+    client.send(good_target(0))
+    client.wait_for_results(good_target(0), ["joint_command"])
     positions = list(client.received["joint_command"][-1].position)
     for fault in FAULTS:
         fault(model, other_robots_model)
