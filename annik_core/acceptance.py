@@ -61,6 +61,22 @@ def residual_violation(
     return None
 
 
+def largest_step_beyond(
+    limit: float, joint_positions: FloatArray, reference: FloatArray
+) -> tuple[int, float] | None:
+    """Which joint is furthest from ``reference``, both ``(dof,)``, and by how much [rad or m].
+
+    None if no joint is further than ``limit``; if that is infinite, nothing is compared.
+    """
+    if math.isinf(limit):
+        return None
+    steps = np.abs(joint_positions - reference)
+    if (steps <= limit).all():
+        return None
+    joint = int(np.argmax(steps))
+    return joint, float(steps[joint])
+
+
 def joint_step_violation(
     joint_names: tuple[str, ...],
     joint_positions: FloatArray,
@@ -68,13 +84,11 @@ def joint_step_violation(
     limits: AcceptanceLimits,
 ) -> str | None:
     """Why the step from ``previous`` to ``joint_positions``, both ``(dof,)``, is too large."""
-    if math.isinf(limits.max_joint_step):
+    excess = largest_step_beyond(limits.max_joint_step, joint_positions, previous)
+    if excess is None:
         return None
-    steps = np.abs(joint_positions - previous)
-    if (steps <= limits.max_joint_step).all():
-        return None
-    joint = int(np.argmax(steps))
+    joint, step = excess
     return (
-        f"{joint_names[joint]} would step by {steps[joint]:.6g}, more than "
+        f"{joint_names[joint]} would step by {step:.6g}, more than "
         f"{limits.max_joint_step:.6g} from the previous command"
     )

@@ -27,7 +27,12 @@ from annik_core.errors import (
     NonFiniteWeights,
     RobotMismatch,
 )
-from annik_core.features_session import BoundSession, pose_features, session_from_features
+from annik_core.features_session import (
+    ENCODING,
+    BoundSession,
+    pose_features,
+    session_from_features,
+)
 from annik_core.pose import FloatArray
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
@@ -72,10 +77,6 @@ _TENSOR_TYPES = (
     onnx.TensorProto.BOOL,
 )
 _DOUBLE = np.dtype(np.float64)
-_ROLL_PITCH_YAW_ENCODING = "position_roll_pitch_yaw"
-_PITCH = 4
-#: Nearer to 90 degrees, the graph's own encoding is the more careful one [rad].
-_ACCURATE_PITCH = 0.5 * np.pi - 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ class ModelArtifact:
         try:
             if self.from_features is not None:
                 features = pose_features(pose)
-                if abs(features[_PITCH]) < _ACCURATE_PITCH:
+                if features is not None:
                     return self.from_features(features)
             return self._from_pose(pose)
         except Exception as error:
@@ -242,7 +243,7 @@ def validated_artifact(content: bytes, path: Path) -> ModelArtifact:
     sha256 = hashlib.sha256(content).hexdigest()
     artifact = ModelArtifact(path, sha256, metadata, robot, session)
     _check_references(artifact)
-    if metadata.encoding != _ROLL_PITCH_YAW_ENCODING:
+    if metadata.encoding != ENCODING:
         return artifact
     return replace(
         artifact,

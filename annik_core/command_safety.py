@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
 
-import numpy as np
-
+from annik_core.acceptance import largest_step_beyond
 from annik_core.errors import AnnikError
 from annik_core.pose import POSE_FIELDS, FloatArray
 
@@ -124,14 +123,15 @@ def velocity_violation(
     if math.isinf(safety.max_joint_velocity):
         return None
     interval = max(interval, safety.shortest_interval)
-    steps = np.abs(joint_positions - previous)
     # As a product, so that no time at all is no division by zero.
-    if (steps <= safety.max_joint_velocity * interval).all():
+    limit = safety.max_joint_velocity * interval
+    excess = largest_step_beyond(limit, joint_positions, previous)
+    if excess is None:
         return None
-    joint = int(np.argmax(steps))
-    velocity = steps[joint] / interval if interval > 0 else math.inf
+    joint, step = excess
+    velocity = step / interval if interval > 0 else math.inf
     return (
-        f"{joint_names[joint]} would move by {steps[joint]:.6g} in {interval:.4g} s, "
+        f"{joint_names[joint]} would move by {step:.6g} in {interval:.4g} s, "
         f"{velocity:.6g} per second; at most {safety.max_joint_velocity:.6g} is allowed"
     )
 
@@ -140,11 +140,11 @@ def measured_violation(
     joint_names: tuple[str, ...], joint_positions: FloatArray, measured: FloatArray, limit: float
 ) -> str | None:
     """Why joint positions ``(dof,)`` are further than ``limit`` [rad or m] from the measured."""
-    steps = np.abs(joint_positions - measured)
-    if (steps <= limit).all():
+    excess = largest_step_beyond(limit, joint_positions, measured)
+    if excess is None:
         return None
-    joint = int(np.argmax(steps))
+    joint, step = excess
     return (
         f"{joint_names[joint]} would go to {joint_positions[joint]:.6g}, but is measured at "
-        f"{measured[joint]:.6g}: {steps[joint]:.6g} away, more than {limit:.6g}"
+        f"{measured[joint]:.6g}: {step:.6g} away, more than {limit:.6g}"
     )

@@ -18,6 +18,11 @@ import onnxruntime
 
 from annik_core.pose import FloatArray, roll_pitch_yaw
 
+#: The pose encoding whose features these are, by its name in a model file.
+ENCODING = "position_roll_pitch_yaw"
+#: Nearer to 90 degrees, the graph's own encoding is the more careful one [rad].
+_ACCURATE_PITCH = 0.5 * np.pi - 1e-3
+
 MakeSession = Callable[[bytes], onnxruntime.InferenceSession]
 
 
@@ -56,10 +61,13 @@ class BoundSession:
         return answer
 
 
-def pose_features(pose: FloatArray) -> list[float]:
-    """x, y, z [m], roll, pitch, yaw [rad] of a pose ``(7,)``."""
+def pose_features(pose: FloatArray) -> list[float] | None:
+    """x, y, z [m], roll, pitch, yaw [rad] of a pose ``(7,)``; None where the graph is to say."""
+    roll, pitch, yaw = roll_pitch_yaw(pose[3:])
+    if not abs(pitch) < _ACCURATE_PITCH:
+        return None
     x, y, z = pose[:3].tolist()
-    return [x, y, z, *roll_pitch_yaw(pose[3:])]
+    return [x, y, z, roll, pitch, yaw]
 
 
 def session_from_features(
@@ -81,7 +89,9 @@ def session_from_features(
     Raises:
         ArtifactNotReadable: as ``make_session`` does.
     """
-    features = [pose_features(pose) for pose in poses]
+    features = [row for row in map(pose_features, poses) if row is not None]
+    if len(features) < len(poses):
+        return None
     for name, rest in _rests(model):
         output = model.graph.output[0].name
         bound = BoundSession(

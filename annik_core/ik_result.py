@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from annik_core.pose import FloatArray
+from annik_core.pose import QUATERNION_NORM_TOLERANCE, FloatArray
 
 
 class IkStatus(Enum):
@@ -44,7 +44,8 @@ REFUSALS: dict[IkStatus, str] = {
     IkStatus.PATH_LENGTH: "a path has no pose, or more than max_path_poses",
     IkStatus.OUTSIDE_WORKSPACE_BOX: "the position is outside workspace_box_lower and _upper",
     IkStatus.NOT_FINITE: "a number is NaN or infinite",
-    IkStatus.NOT_UNIT_QUATERNION: "the quaternion's norm is not 1 within 0.001",
+    IkStatus.NOT_UNIT_QUATERNION: "the quaternion's norm is not 1 within "
+    f"{QUATERNION_NORM_TOLERANCE:g}",
     IkStatus.OUTSIDE_WORKSPACE: "the robot can't reach the pose",
     IkStatus.NOT_CONVERGED: "refined mode found no joint positions in the working joint box",
     IkStatus.JOINT_LIMIT: "the network's answer is outside the joint limits",

@@ -157,17 +157,19 @@ class IkServer:
         if not 0 < len(poses) <= max_poses:
             reason = f"the path has {len(poses)} poses; it must have 1 to {max_poses}"
             return [], IkResult.refused(IkStatus.PATH_LENGTH, reason)
-        results: list[IkResult] = []
         refusal = self._refusal_of_header(frame_id, age)
+        if refusal is not None:
+            return [], refusal
+        results: list[IkResult] = []
         previous = self._previous
-        for pose in poses if refusal is None else ():
+        for pose in poses:
             result = self._solve(pose, previous, interval, on_the_way=bool(results))
             if not result.accepted:
                 reason = f"pose {len(results)} of 0 to {len(poses) - 1}: {result.reason}"
                 return results, replace(result, reason=reason)
             results.append(result)
             previous = result
-        return results, refusal
+        return results, None
 
     def _refusal_of_header(self, frame_id: str, age: float | None) -> IkResult | None:
         base_frame = self.solver.robot.base_frame
@@ -178,9 +180,9 @@ class IkServer:
                 "the base frame of the model",
             )
         violation = age_violation(age, self.safety)
-        return (
-            violation if violation is None else IkResult.refused(IkStatus.STALE_TARGET, violation)
-        )
+        if violation is not None:
+            return IkResult.refused(IkStatus.STALE_TARGET, violation)
+        return None
 
     def _solve(
         self,

@@ -5,6 +5,11 @@ For the documentation, and for the test that holds the nodes to it.
 
 from __future__ import annotations
 
+#: Less than this part of the expected rate is a warning.
+LEAST_RATE = 0.8
+#: So many refused in a period, and none accepted, is an error.
+MANY = 10
+
 _COUNTS = {
     "{what}s received": "since the configuration; accepted and refused add up to it, exactly",
     "{what}s accepted": "acted on",
@@ -56,7 +61,8 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
 
 #: When a report is more than OK.
 LEVELS = {
-    "WARN": "something was refused in the last second, or fewer than 80 % of expected_rate came",
-    "ERROR": "ten or more were refused in the last second and none accepted, or expected_rate is "
-    "set and nothing came",
+    "WARN": f"something was refused in the last second, or fewer than {LEAST_RATE:.0%} of "
+    "expected_rate came",
+    "ERROR": f"{MANY} or more were refused in the last second and none accepted, or expected_rate "
+    "is set and nothing came",
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,17 +15,12 @@ from std_msgs.msg import Header
 from annik_core.outcome_counts import OutcomeSummary
 from annik_core.solve_statistics import SolveSummary
 from annik_core.unique_stamps import LAST_STAMP
+from annik_ros.diagnostic_values import LEAST_RATE, MANY
 from msg_tools.stamp import stamp_to_message
 from msg_tools.topics import DIAGNOSTICS
 
 #: Time between two reports [s].
 DIAGNOSTICS_PERIOD = 1.0
-
-
-#: Less than this part of the expected rate is a warning.
-_LEAST_RATE: Final = 0.8
-#: So many refused in a period, and none accepted, is an error.
-_MANY: Final = 10
 
 
 class Level(IntEnum):
@@ -96,12 +90,12 @@ def outcome_report(
 def _verdict(what: str, outcomes: OutcomeSummary, expected_rate: float) -> tuple[Level, str]:
     if outcomes.refused_in_period > 0:
         none_accepted = outcomes.accepted_in_period == 0
-        serious = none_accepted and outcomes.refused_in_period >= _MANY
+        serious = none_accepted and outcomes.refused_in_period >= MANY
         return (
             Level.ERROR if serious else Level.WARN,
             f"{outcomes.refused_in_period} refused: {outcomes.last_refusal}",
         )
-    if outcomes.rate < _LEAST_RATE * expected_rate:
+    if outcomes.rate < LEAST_RATE * expected_rate:
         return (
             Level.WARN if outcomes.rate > 0 else Level.ERROR,
             f"{outcomes.rate:.1f} {what}s a second; {expected_rate:.1f} are expected",

@@ -130,15 +130,15 @@ def check_models() -> Iterator[Finding]:
 def check_round_trip() -> Iterator[Finding]:
     """A target to an ik_node of its own, and the command back, over the middleware."""
     try:
-        from annik_ros.round_trip import round_trip
+        from annik_ros.round_trip import TIMEOUT, round_trip
     except ImportError:
         return  # check_ros has said so
     try:
         start, trip = round_trip(default_model_path())
-    except AnnikError as error:
+    except AnnikError:
         yield Finding(
             Verdict.BAD,
-            f"no command came back from an ik_node: {error}",
+            f"no command came back from an ik_node within {TIMEOUT:g} s",
             "check that a firewall lets UDP multicast through on the loopback interface, and that "
             "/dev/shm has space",
         )

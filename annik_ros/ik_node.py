@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from traceback import format_exception
+from typing import TypeVar
 
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -43,6 +45,8 @@ from msg_tools.cdr import (
 from msg_tools.topics import JOINT_COMMAND, TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES
 
 NODE_NAME = "ik_node"
+
+Content = TypeVar("Content")
 
 #: Least time between two warnings of refused targets [s].
 WARNING_PERIOD = 1.0
@@ -109,7 +113,7 @@ class IkNode(ManagedNode):
         self._active = False
         self._fault: AnnikError | None = None
         self._callback_errors = 0
-        self._warning = Throttle(WARNING_PERIOD)
+        self._warning, self._error = Throttle(WARNING_PERIOD), Throttle(WARNING_PERIOD)
         self.create_service(Trigger, RELOAD_MODEL.name, self._on_reload)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
@@ -185,40 +189,28 @@ class IkNode(ManagedNode):
     def on_target(self, data: bytes) -> None:
         """Answer a plain target."""
         arrival = time.perf_counter()
-        serving = self._serving_if_active()
-        if serving is None:
+        received = self._received(data, pose_from_bytes)
+        if received is None:
             return
-        try:
-            pose = pose_from_bytes(data)
-        except ConversionError as error:
-            self._refuse_malformed(serving, error)
-            return
+        serving, pose = received
         self._act_on(serving, serving.server.answer(pose), arrival)
 
     def on_stamped_target(self, data: bytes) -> None:
         """Answer a target with a frame and a time."""
         arrival = time.perf_counter()
-        serving = self._serving_if_active()
-        if serving is None:
+        received = self._received(data, pose_stamped_from_bytes)
+        if received is None:
             return
-        try:
-            target = pose_stamped_from_bytes(data)
-        except ConversionError as error:
-            self._refuse_malformed(serving, error)
-            return
+        serving, target = received
         result = serving.server.answer(target.poses[0], target.frame_id, self._age(target))
         self._act_on(serving, result, arrival)
 
     def on_path(self, data: bytes) -> None:
         """Answer a path as a whole."""
-        serving = self._serving_if_active()
-        if serving is None:
+        received = self._received(data, pose_array_from_bytes)
+        if received is None:
             return
-        try:
-            path = pose_array_from_bytes(data)
-        except ConversionError as error:
-            self._refuse_malformed(serving, error)
-            return
+        serving, path = received
         answer = serving.server.answer_path(
             path.poses,
             self.options.trajectory_interval,
@@ -234,25 +226,31 @@ class IkNode(ManagedNode):
     def on_error_of_callback(self, error: Exception) -> None:
         """Note an error that nobody foresaw, and go on: a robot may be waiting."""
         self._callback_errors += 1
-        self.get_logger().error(
-            "error in a callback, going on: " + "".join(format_exception(error)).strip(),
-            throttle_duration_sec=WARNING_PERIOD,
-        )
+        if self._error.is_due():
+            text = "".join(format_exception(error)).strip()
+            self.get_logger().error(f"error in a callback, going on: {text}")
 
-    def _serving_if_active(self) -> Serving | None:
-        """What answers targets; None, after a refusal, if nothing may be commanded now."""
-        if self._active or self._serving is None:
-            return self._serving
-        reason = "the node is inactive: activate it (ros2 lifecycle set NODE activate)"
-        self._warn(self._serving.server.refuse(IkStatus.NOT_ACTIVE, reason))
-        return None
+    def _received(
+        self, data: bytes, read: Callable[[bytes], Content]
+    ) -> tuple[Serving, Content] | None:
+        """What answers a message, and what that says; None, after a refusal, if nothing may."""
+        serving = self._serving
+        if serving is None:
+            return None
+        if not self._active:
+            reason = "the node is inactive: activate it (ros2 lifecycle set NODE activate)"
+            self._warn(serving.server.refuse(IkStatus.NOT_ACTIVE, reason))
+            return None
+        try:
+            return serving, read(data)
+        except ConversionError as error:
+            refusal = serving.server.refuse(IkStatus.MALFORMED_MESSAGE, str(error))
+            self._refused(serving, refusal)
+            return None
 
     def _age(self, target: StampedPoses) -> float:
         """How old a target is by its stamp [s]."""
         return 1e-9 * (self.get_clock().now().nanoseconds - target.nanoseconds)
-
-    def _refuse_malformed(self, serving: Serving, error: ConversionError) -> None:
-        self._refused(serving, serving.server.refuse(IkStatus.MALFORMED_MESSAGE, str(error)))
 
     def _act_on(self, serving: Serving, result: IkResult, arrival: float) -> None:
         if not result.accepted:

@@ -66,8 +66,7 @@ def pose_stamped_from_bytes(data: bytes) -> StampedPoses:
         MalformedMessage: if the bytes are not those of a PoseStamped.
         MalformedStamp: if the stamp's nanoseconds are a second or more.
     """
-    order = _byte_order(data, "PoseStamped")
-    nanoseconds, frame_id, position = _header(data, order, "PoseStamped")
+    order, nanoseconds, frame_id, position = _header(data, "PoseStamped")
     return StampedPoses(nanoseconds, frame_id, _poses(data, order, position, 1, "PoseStamped"))
 
 
@@ -78,8 +77,7 @@ def pose_array_from_bytes(data: bytes) -> StampedPoses:
         MalformedMessage: if the bytes are not those of a PoseArray.
         MalformedStamp: if the stamp's nanoseconds are a second or more.
     """
-    order = _byte_order(data, "PoseArray")
-    nanoseconds, frame_id, position = _header(data, order, "PoseArray")
+    order, nanoseconds, frame_id, position = _header(data, "PoseArray")
     position = _aligned(position, 4)
     if len(data) < position + 4:
         raise _too_short("PoseArray", data)
@@ -99,8 +97,9 @@ def _byte_order(data: bytes, message_type: str) -> str:
     return order
 
 
-def _header(data: bytes, order: str, message_type: str) -> tuple[int, str, int]:
-    """Stamp [ns], frame and end of a ``std_msgs/msg/Header``."""
+def _header(data: bytes, message_type: str) -> tuple[str, int, str, int]:
+    """The byte order; stamp [ns], frame and end of the ``std_msgs/msg/Header`` that follows."""
+    order = _byte_order(data, message_type)
     start = _HEADER_SIZE + 12
     if len(data) < start:
         raise _too_short(message_type, data)
@@ -117,7 +116,7 @@ def _header(data: bytes, order: str, message_type: str) -> tuple[int, str, int]:
         frame_id = text[:-1].decode()
     except UnicodeDecodeError as error:
         raise MalformedMessage(message_type, "its frame_id is no UTF-8 text") from error
-    return seconds * NANOSECONDS_PER_SECOND + nanosec, frame_id, end
+    return order, seconds * NANOSECONDS_PER_SECOND + nanosec, frame_id, end
 
 
 def _poses(data: bytes, order: str, position: int, count: int, message_type: str) -> FloatArray:

@@ -22,7 +22,8 @@ from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, TARGET_POSE
 ANSWER_TIMEOUT = 1.0
 #: No answer may be lost on the way to the client.
 _DEPTH = 10_000
-_CONNECT_TIMEOUT = 60.0
+#: How long a node may take to its first answer [s].
+CONNECT_TIMEOUT = 60.0
 #: How long one connecting target may wait before the next is sent [s].
 _CONNECT_PERIOD = 0.05
 #: So long without an answer, and none to an earlier target is still on its way [s].
@@ -155,16 +156,24 @@ class Client:
         return link.arrival - begin
 
     def connect(self, link: Link, target: bytes) -> None:
-        """Ask a node again and again until it answers: everybody has met.
+        """Ask a node until it answers, and wait for what else is on its way.
 
         Raises:
             NoAnswer: if it never does.
         """
-        deadline = time.perf_counter() + _CONNECT_TIMEOUT
-        while self.ask(link, target, _CONNECT_PERIOD) is None:
-            if time.perf_counter() > deadline:
-                raise NoAnswer(link.namespace, _CONNECT_TIMEOUT)
+        self.wait_for_first(link, target, _CONNECT_PERIOD, CONNECT_TIMEOUT)
         self.quiet(link)
+
+    def wait_for_first(self, link: Link, target: bytes, period: float, timeout: float) -> None:
+        """Ask a node every ``period`` [s] until it answers: everybody has met.
+
+        Raises:
+            NoAnswer: if it does not within ``timeout`` [s].
+        """
+        deadline = time.perf_counter() + timeout
+        while self.ask(link, target, period) is None:
+            if time.perf_counter() > deadline:
+                raise NoAnswer(link.namespace, timeout)
 
     def quiet(self, link: Link) -> None:
         """Wait until no answer to an earlier target is on its way any more."""

@@ -9,14 +9,13 @@ from statistics import median
 
 import numpy as np
 
-from annik_ros.node_bench.client import Client, NoAnswer
+from annik_ros.node_bench.client import CONNECT_TIMEOUT, Client
 from annik_ros.node_bench.nodes import NodeVariant
 from annik_ros.node_bench.results import StartResult
 from annik_ros.node_bench.targets import answered_targets
 
 #: How often a waiting client repeats its target [s].
 _PERIOD = 0.02
-_TIMEOUT = 60.0
 #: For the client's endpoints to be there, and for those of the node before to be gone [s].
 _PAUSE = 0.5
 
@@ -65,9 +64,7 @@ def _first_command(
         client.spin_for(_PAUSE)
         begin = time.perf_counter()
         with variant.start(namespace, logs):
-            while client.ask(link, target, _PERIOD) is None:
-                if time.perf_counter() > begin + _TIMEOUT:
-                    raise NoAnswer(namespace, _TIMEOUT)
+            client.wait_for_first(link, target, _PERIOD, CONNECT_TIMEOUT)
             return link.arrival - begin
     finally:
         link.destroy()
