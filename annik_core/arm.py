@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from annik_core.arm_corrections import ArmCorrections
+from annik_core.corrected_kinematics import JointCorrectedKinematics, PoseCorrectedKinematics
 from annik_core.errors import InvalidRobotDefinition, MissingDependency
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
@@ -63,11 +65,14 @@ class ArmKinematics(ForwardKinematics):
         joint_names: the joints, from the base on.
         urdf: the chain as URDF text.
         end_effector_frame: the link whose pose it is; the base frame is the root of the chain.
+        placements: ``(dof + 1, 7)`` small motions of what follows the base, and of what follows
+            each joint, in whose frame they are; None: none.
     """
 
     joint_names: tuple[str, ...]
     urdf: str
     end_effector_frame: str
+    placements: FloatArray | None = None
 
     def poses(self, joint_positions: FloatArray) -> FloatArray:
         """End-effector poses ``(n, 7)``; see :class:`annik_core.robot.ForwardKinematics`."""
@@ -126,15 +131,50 @@ class ArmKinematics(ForwardKinematics):
         return np.array([*joints, data.oMf[frame].translation.copy()])
 
     @cached_property
+    def screws(self) -> ScrewChain:
+        """The chain as placements and axes."""
+        pin, model, data, frame = self._pinocchio
+        zero = np.zeros(len(self.joint_names))
+        axes = [
+            pin.computeJointJacobian(model, data, zero, number)[:, number - 1].copy()
+            for number in range(1, model.njoints)
+        ]
+        placements = [model.jointPlacements[number] for number in range(1, model.njoints)]
+        placements.append(model.frames[frame].placement)
+        return ScrewChain(
+            np.array([placement.homogeneous for placement in placements]), np.array(axes)
+        )
+
+    @cached_property
     def _pinocchio(self) -> tuple[Any, Any, Any, int]:
         """The library, the model, its working memory, and the frame's number."""
         pin = _pinocchio()
         model = pin.buildModelFromXML(self.urdf)
         # Joints are frames too, and one may have the name of a link.
         frame = model.getFrameId(self.end_effector_frame, pin.FrameType.BODY)
+        if self.placements is not None:
+            first, *others, last = [pin.XYZQUATToSE3(row) for row in self.placements]
+            model.jointPlacements[1] = first * model.jointPlacements[1]
+            for number, motion in enumerate(others, 2):
+                model.jointPlacements[number] = motion * model.jointPlacements[number]
+            model.frames[frame].placement = last * model.frames[frame].placement
         data = model.createData()
         _check_placement(pin, model, data, frame)
         return pin, model, data, frame
+
+
+@dataclass(frozen=True, eq=False)
+class ScrewChain:
+    """A chain in numbers: end effector = product of (placement, joint motion), last placement.
+
+    Attributes:
+        placements: ``(dof + 1, 4, 4)`` of each joint in the frame of the one before, at zero, and
+            of the end effector in the last joint's.
+        axes: ``(dof, 6)`` the joints' unit twists in their own frames: linear, angular.
+    """
+
+    placements: FloatArray
+    axes: FloatArray
 
 
 def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
@@ -200,7 +240,8 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
         definition: ``urdf``, the text; and, each of which may be left out, ``name``,
             ``base_frame``, ``end_effector_frame`` (see :func:`annik_core.urdf_chain.serial_chain`)
             and ``joint_box``: [lower, upper] of joints by name [rad or m]; the box of a joint that
-            it leaves out are its limits, or, where they are wider, the full turn in their middle.
+            it leaves out are its limits, or, where they are wider, the full turn in their middle;
+            and ``corrections``, see :class:`annik_core.arm_corrections.ArmCorrections`.
         source: what to call the definition in an error.
 
     Returns:
@@ -210,7 +251,10 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
         InvalidRobotDefinition: naming what is missing or wrong.
         MissingDependency: if Pinocchio is not installed.
     """
-    known = {"kind", "name", "urdf", "base_frame", "end_effector_frame", "joint_box"}
+    known = {
+        *("kind", "name", "urdf", "base_frame", "end_effector_frame", "joint_box"),
+        "corrections",
+    }
     unknown = sorted(set(definition) - known)
     if unknown:
         raise InvalidRobotDefinition(
@@ -232,7 +276,17 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     limits = JointLimits.from_bounds(chain.joint_names, chain.lower, chain.upper)
     box = _joint_box(definition.get("joint_box"), chain, limits, source)
     name = checked_name(definition.get("name", chain.name), "name", source)
-    kinematics = ArmKinematics(chain.joint_names, chain.urdf, chain.end_effector_frame)
+    corrections = None
+    if definition.get("corrections") is not None:
+        corrections = ArmCorrections.from_plain_data(
+            definition["corrections"], len(chain.joint_names), source
+        )
+    kinematics = ArmKinematics(
+        chain.joint_names,
+        chain.urdf,
+        chain.end_effector_frame,
+        None if corrections is None else corrections.placements,
+    )
     try:
         workspace = _workspace(kinematics, chain)
     except ValueError as error:
@@ -246,7 +300,7 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
         joint_box=box,
         base_frame=chain.base_frame,
         end_effector_frame=chain.end_effector_frame,
-        forward_kinematics=kinematics,
+        forward_kinematics=_corrected(kinematics, corrections),
         workspace=workspace,
         definition={
             "kind": "arm",
@@ -260,8 +314,20 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
                     chain.joint_names, box.lower, box.upper, strict=True
                 )
             },
+            **({} if corrections is None else {"corrections": corrections.as_plain_data()}),
         },
+        error_bound=None if corrections is None else corrections.error_bound,
     )
+
+
+def _corrected(kinematics: ArmKinematics, corrections: ArmCorrections | None) -> ForwardKinematics:
+    """The kinematics with the corrections that are not placements."""
+    corrected: ForwardKinematics = kinematics
+    if corrections is not None and corrections.joint_networks is not None:
+        corrected = JointCorrectedKinematics(corrected, corrections.joint_networks)
+    if corrections is not None and corrections.pose_network is not None:
+        corrected = PoseCorrectedKinematics(corrected, corrections.pose_network)
+    return corrected
 
 
 def _joint_box(

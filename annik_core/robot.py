@@ -8,13 +8,16 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from annik_core.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray, single_pose_difference
+
+if TYPE_CHECKING:
+    from annik_core.error_bound import ErrorBound
 
 
 class PoseError(NamedTuple):
@@ -142,6 +145,8 @@ class Robot:
         forward_kinematics: see :class:`ForwardKinematics`.
         workspace: see :class:`Workspace`.
         definition: the whole definition, as plain data; a model file carries it.
+        error_bound: how far the real robot may be from these forward kinematics, if they were
+            learned from it; None if nobody knows.
     """
 
     name: str
@@ -155,6 +160,7 @@ class Robot:
     forward_kinematics: ForwardKinematics
     workspace: Workspace
     definition: Mapping[str, Any]
+    error_bound: ErrorBound | None = None
 
     @property
     def dof(self) -> int:

@@ -29,7 +29,7 @@ from annik_core.version import VERSION
 from annik_training.robot_options import ROBOT_OPTIONS, chosen_robot, robot_argument, robot_options
 
 if TYPE_CHECKING:
-    from annik_training.dataset import Dataset
+    from annik_core.dataset import Dataset
     from annik_training.designs.diagnostics import DesignDiagnostics
     from annik_training.evaluation import Evaluation
     from annik_training.fitting.fit_network import Restart
@@ -201,7 +201,7 @@ def cli() -> None:
 @click.option("--out", type=_FILE, help="Also compute the poses and save the dataset (.npz).")
 def design(seed: int, check: bool, plot: Path | None, out: Path | None, **choices: Any) -> None:
     """Choose the joint positions of the examples."""
-    from annik_training.dataset import save_dataset
+    from annik_core.dataset import save_dataset
 
     if plot is not None and plot.suffix != ".png":
         raise AnnikError(f"{plot} can't be written: a plot is a PNG, its name must end in .png")
@@ -242,7 +242,7 @@ def train(
     **choices: Any,
 ) -> None:
     """Train a network on few examples and write it as a model file."""
-    from annik_training.dataset import load_dataset
+    from annik_core.dataset import load_dataset
     from annik_training.fitting.fit_options import default_options
     from annik_training.train import train as train_model
 
@@ -591,7 +591,7 @@ def _refuse_beside_dataset(*names: str) -> None:
 
 
 def _computed_dataset(seed: int, choices: dict[str, Any]) -> Dataset:
-    from annik_training.dataset import compute_dataset
+    from annik_training.compute_dataset import compute_dataset
     from annik_training.designs.registry import find_design
 
     robot = chosen_robot(**{name: choices.pop(name) for name in ROBOT_OPTIONS})

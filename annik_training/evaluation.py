@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from annik_core.dataset import Dataset
 from annik_core.ik_solver import SolverMode
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.refinement_options import Refined, RefinementOptions
-from annik_training.dataset import Dataset
 from annik_training.refined_evaluation import RefinedEvaluation, evaluate_refined, refine_all
 
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}

@@ -18,7 +18,7 @@ from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import ArtifactNotWritable, ExportMismatch
 from annik_core.pose import FloatArray
 from annik_core.version import VERSION
-from annik_training.dataset import compute_random_dataset
+from annik_training.compute_dataset import compute_random_dataset
 from annik_training.evaluation import Evaluation
 from annik_training.fit import FittedNetwork
 from annik_training.fitting.fused_network import for_export

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from annik_core.dataset import Dataset
 from annik_training.branches import single_branch
-from annik_training.dataset import Dataset
 from annik_training.fitting.fit_network import Examples, Indices, Restart, examples_of, fit_starts
 from annik_training.fitting.fit_options import FitOptions, default_options
 from annik_training.fitting.network import InverseKinematicsNetwork

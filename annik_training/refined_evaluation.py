@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from annik_core.dataset import Dataset
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.refinement import Refinement
 from annik_core.refinement_options import Refined, RefinementOptions
-from annik_training.dataset import Dataset
 
 #: Joint positions closer than this are the same solution [rad or m].
 SAME_SOLUTION = 1e-3

@@ -7,7 +7,7 @@ import yaml
 
 from annik_core.robot import Robot
 from annik_training.branches import branch_signs
-from annik_training.dataset import compute_random_dataset
+from annik_training.compute_dataset import compute_random_dataset
 
 _SAMPLES = 5000
 #: From this width on the two ends of a joint's interval are neighbours [rad].

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from annik_core.atomic_write import ensure_writable_folder
+from annik_core.dataset import Dataset
 from annik_core.errors import ArtifactNotWritable
 from annik_core.robot import Robot
-from annik_training.dataset import Dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_random_dataset
 from annik_training.evaluation import Evaluation, evaluate
 from annik_training.export_onnx import export_model
 from annik_training.fit import FittedNetwork, fit

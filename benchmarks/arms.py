@@ -20,7 +20,7 @@ from annik_training.bench.ours import our_solvers
 from annik_training.bench.robot_problem import robot_problem
 from annik_training.bench.straight_paths import straight_paths
 from annik_training.bench.verification import Verifier
-from annik_training.dataset import compute_dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_dataset, compute_random_dataset
 from annik_training.fitting.fit_options import ARM_OPTIONS
 from annik_training.train import train
 from benchmarks.answer_targets import PASSES, answers_of

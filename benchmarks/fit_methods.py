@@ -20,12 +20,13 @@ from scipy.optimize import least_squares
 from torch import Tensor
 from torch.func import functional_call, jacrev, vmap
 
+from annik_core.dataset import Dataset
 from annik_core.machine import machine
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_core.target_paths import diagonal_path
-from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_dataset, compute_random_dataset
 from annik_training.fit import dataset_examples
 from annik_training.fitting.fit_network import fit_start, scaled_examples, untrained_network
 from annik_training.fitting.fit_options import FitOptions

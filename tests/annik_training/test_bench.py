@@ -34,7 +34,7 @@ from annik_training.bench.tables import bench_tables
 from annik_training.bench.targets import random_targets
 from annik_training.bench.verification import Verifier
 from annik_training.cli import cli
-from annik_training.dataset import compute_dataset
+from annik_training.compute_dataset import compute_dataset
 from annik_training.evaluation import evaluate
 from annik_training.export_onnx import export_model
 from annik_training.fit import fit

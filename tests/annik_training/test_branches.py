@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from annik_core.dataset import Dataset
 from annik_core.pose import pose_distance
 from annik_core.refinement import Refinement
 from annik_core.refinement_options import RefinementOptions
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_training.branches import branch_signs, single_branch
-from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_dataset, compute_random_dataset
 from annik_training.fit import fit
 from annik_training.fitting.fit_options import FitOptions
 

@@ -15,11 +15,11 @@ from click.testing import CliRunner, Result
 from six_joint_arm import BASE, BOX, FLANGE, FRAMES, JOINT_BOX, JOINTS, URDF
 
 from annik_core.artifact import load_artifact
+from annik_core.dataset import Dataset
 from annik_core.errors import AnnikError
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_training.cli import ConflictingOptions, cli, main
-from annik_training.dataset import Dataset
 from annik_training.fitting.fit_options import ARM_OPTIONS, FitOptions
 
 

@@ -14,9 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from annik_core.dataset import Dataset, load_dataset, save_dataset
 from annik_core.errors import DatasetError, UnreadableDataset
 from annik_core.robot import Robot
-from annik_training.dataset import Dataset, compute_dataset, load_dataset, save_dataset
+from annik_training.compute_dataset import compute_dataset
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from annik_core.robot_library import load_robot
 from annik_training import error_map as error_map_module
-from annik_training.dataset import compute_random_dataset
+from annik_training.compute_dataset import compute_random_dataset
 from annik_training.error_map import error_map
 from annik_training.evaluation import Measured, measure
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from annik_core.robot import Robot
-from annik_training.dataset import compute_random_dataset
+from annik_training.compute_dataset import compute_random_dataset
 from annik_training.evaluation import ErrorSummary, evaluate
 
 

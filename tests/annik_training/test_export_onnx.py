@@ -13,10 +13,11 @@ import pytest
 import torch
 
 from annik_core.artifact import default_model_path, load_artifact
+from annik_core.dataset import Dataset
 from annik_core.errors import ArtifactNotWritable, ExportMismatch
 from annik_core.robot import Robot
 from annik_training import export_onnx
-from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_dataset, compute_random_dataset
 from annik_training.evaluation import evaluate
 from annik_training.fit import FittedNetwork, fit
 from annik_training.fitting.fit_options import FitOptions

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from annik_core.dataset import Dataset
 from annik_core.errors import TooFewExamples
 from annik_core.gantry import GantryKinematics
 from annik_core.pose import pose_difference
 from annik_core.robot import Robot
-from annik_training.dataset import Dataset, compute_dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_dataset, compute_random_dataset
 from annik_training.fit import dataset_examples, fit
 from annik_training.fitting.fit_options import FitOptions
 from annik_training.systems.inverse_kinematics_system import InverseKinematicsSystem

@@ -8,7 +8,7 @@ import torch
 
 from annik_core.pose import FloatArray
 from annik_core.robot_library import load_robot
-from annik_training.dataset import compute_dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_dataset, compute_random_dataset
 from annik_training.fit import FittedNetwork, fit
 from annik_training.fitting.fit_options import FitOptions
 from annik_training.fitting.fused_network import FusedNetwork, for_export

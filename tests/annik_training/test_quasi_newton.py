@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from annik_core.dataset import Dataset
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
-from annik_training.dataset import Dataset, compute_dataset
+from annik_training.compute_dataset import compute_dataset
 from annik_training.fit import dataset_examples, fit
 from annik_training.fitting import quasi_newton
 from annik_training.fitting.fit_network import scaled_examples, untrained_network

@@ -7,12 +7,13 @@ import json
 import numpy as np
 import pytest
 
+from annik_core.dataset import Dataset
 from annik_core.pose import pose_distance
 from annik_core.refinement import Refinement
 from annik_core.refinement_options import RefinementOptions
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
-from annik_training.dataset import Dataset, compute_random_dataset
+from annik_training.compute_dataset import compute_random_dataset
 from annik_training.evaluation import Measured, measure, summarise
 from annik_training.refined_evaluation import SAME_SOLUTION
 

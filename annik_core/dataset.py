@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,14 +20,13 @@ from numpy.typing import NDArray
 
 from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import DatasetError, MissingDependency, UnreadableDataset
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray, pose_distance
-from annik_core.robot import Robot
+from annik_core.robot import Robot, is_numeric
 from annik_core.robot_library import robot_from_definition
-from annik_training.designs.registry import make_design
 
 FORMAT_VERSION = 1
 COMPUTED = "computed by the forward kinematics"
+MEASURED = "measured on the robot"
 UNITS = {"joint_positions": "rad or m", "poses": "m, quaternion x y z w"}
 
 #: Computed poses may differ from those computed again by this much [m and rad]: the rounding of
@@ -49,6 +49,9 @@ class Dataset:
         design_options: its size and options.
         seed: the seed that the design drew from.
         source: how the poses came about.
+        measurement_noise: standard deviations of a measured pose, of each coordinate of its
+            position [m] and of its orientation [rad]; None if the poses were computed, or nobody
+            knows.
     """
 
     robot: Robot
@@ -58,6 +61,7 @@ class Dataset:
     design_options: Mapping[str, Any]
     seed: int
     source: str = COMPUTED
+    measurement_noise: tuple[float, float] | None = None
 
     def __len__(self) -> int:
         """Number of examples."""
@@ -70,6 +74,7 @@ class Dataset:
     @property
     def provenance(self) -> dict[str, Any]:
         """Everything but the numbers, as plain data."""
+        noise = self.measurement_noise
         return {
             "format_version": FORMAT_VERSION,
             "robot": dict(self.robot.definition),
@@ -80,39 +85,13 @@ class Dataset:
             "seed": self.seed,
             "source": self.source,
             "units": dict(UNITS),
+            **({} if noise is None else {"measurement_noise": list(noise)}),
         }
 
     @property
     def content_hash(self) -> str:
         """SHA-256 over the provenance and the bytes of both arrays."""
         return _content_hash(self.provenance, self.joint_positions, self.poses)
-
-
-def compute_dataset(
-    robot: Robot, design: str, size: int, seed: int, options: Mapping[str, Any] | None = None
-) -> Dataset:
-    """Examples of a design, with the poses from the robot's forward kinematics.
-
-    Args:
-        robot: the robot.
-        design: name of a registered design.
-        size: its size; see the design's ``size_means``.
-        seed: what a random design draws from.
-        options: the design's own options.
-
-    Raises:
-        DesignError: if the design can't be made like this.
-    """
-    joint_positions = make_design(design, robot, size, seed, options)
-    poses = robot.forward_kinematics.poses(joint_positions)
-    return Dataset(robot, joint_positions, poses, design, {"size": size, **(options or {})}, seed)
-
-
-def compute_random_dataset(robot: Robot, box: JointLimits, examples: int, seed: int) -> Dataset:
-    """Uniformly random joint positions in a box, for evaluation."""
-    joint_positions = box.sample(examples, np.random.default_rng(seed))
-    poses = robot.forward_kinematics.poses(joint_positions)
-    return Dataset(robot, joint_positions, poses, "random", {"size": examples}, seed)
 
 
 def save_dataset(dataset: Dataset, path: Path) -> None:
@@ -158,6 +137,7 @@ def load_dataset(path: Path) -> Dataset:
         provenance["design_options"],
         provenance["seed"],
         provenance["source"],
+        _checked_noise(path, provenance.get("measurement_noise")),
     )
 
 
@@ -221,6 +201,21 @@ def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:
                 path, f"{key!r} is {provenance.get(key)!r}; for its robot it is {expected!r}"
             )
     return robot
+
+
+def _checked_noise(path: Path, noise: Any) -> tuple[float, float] | None:
+    if noise is None:
+        return None
+    if (
+        not isinstance(noise, list)
+        or len(noise) != 2
+        or not is_numeric(noise)
+        or not all(0.0 <= number < math.inf for number in noise)
+    ):
+        raise UnreadableDataset(
+            path, f"'measurement_noise' is {noise!r}, not two standard deviations [m, rad]"
+        )
+    return float(noise[0]), float(noise[1])
 
 
 def _check_arrays(
