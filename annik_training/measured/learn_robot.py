@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.dataset import Dataset
+from annik_core.errors import RobotMismatch
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
 from annik_training.fitting.one_thread import one_thread
@@ -49,11 +50,13 @@ class Candidate:
 
     Attributes:
         parts: what it uses.
+        parameters: how many that are.
         score: mean square of the left-out residuals, in standard deviations of the noise.
         standard_error: of the score.
     """
 
     parts: frozenset[Part]
+    parameters: int
     score: float
     standard_error: float
 
@@ -143,6 +146,22 @@ def learn_robot(dataset: Dataset, seed: int = 0, *, position_only: bool = False)
     return LearnedRobot(dataset, fitted, candidates, outliers, seed, time.perf_counter() - begin)
 
 
+def with_nominal(dataset: Dataset, nominal: Robot) -> Dataset:
+    """The same measured poses, for another description of the robot.
+
+    Raises:
+        RobotMismatch: if that has other joints.
+    """
+    measured = dataset.robot
+    if nominal.joint_names != measured.joint_names:
+        raise RobotMismatch(
+            "the measured poses",
+            f"{nominal.name} ({', '.join(nominal.joint_names)})",
+            f"{measured.name} ({', '.join(measured.joint_names)})",
+        )
+    return replace(dataset, robot=nominal)
+
+
 def _learn(
     dataset: Dataset, observations: Observations, seed: int
 ) -> tuple[FittedParameters, tuple[Candidate, ...], NDArray[np.bool_]]:
@@ -193,7 +212,7 @@ def _fit(
 def _judged(fitted: FittedParameters) -> Candidate:
     squares = (fitted.left_out_residuals**2).mean(axis=1)
     error = float(squares.std(ddof=1)) / math.sqrt(len(squares))
-    return Candidate(fitted.model.parts, float(squares.mean()), error)
+    return Candidate(fitted.model.parts, fitted.model.size, float(squares.mean()), error)
 
 
 def _chosen(candidates: tuple[Candidate, ...]) -> int:
