@@ -1,4 +1,4 @@
-"""The journal of a collection: what was measured, safe as soon as it was, and in which order to go.
+"""The journal of a collection: what was measured, safe as soon as it was, and the way to go.
 
 The first line says what the journal is of: the plan and the robot by their hashes, the number of
 samples, and the order of the examples. Every other line is one finished example. Its file and lock
