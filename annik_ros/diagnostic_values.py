@@ -54,6 +54,8 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "targets without command": "that wait for their command",
         "commands without target": "that wait for their target",
         "partners given up": "that waited too long",
+        "measurements published": "on measured_pose",
+        "measurements dropped": "of an imperfect arm, on purpose",
         **_of("command", _COUNTS),
         **_of("command", _LAST),
     },
