@@ -26,6 +26,7 @@ from annik_core.errors import (
     CheckedLinesNotWritable,
     DamagedJournal,
     DamagedLine,
+    DatasetInTheWay,
     JournalInUse,
     JournalMismatch,
     JournalNotWritable,
@@ -59,6 +60,24 @@ class MeasuredExample:
 def journal_path(dataset: Path) -> Path:
     """Where the journal of a dataset is: beside it."""
     return dataset.with_name(f"{dataset.stem}.journal.jsonl")
+
+
+def open_journal(dataset: Path, plan: Dataset, samples: int) -> CollectionJournal:
+    """The journal of a dataset that is to be measured, or is measured in part.
+
+    Args:
+        dataset: where the dataset goes; the journal is beside it.
+        plan: the joint positions to measure at.
+        samples: how many measured poses are averaged for an example.
+
+    Raises:
+        DatasetInTheWay: if the dataset is there without a journal: it is somebody else's.
+        CollectionError: see :class:`CollectionJournal`.
+    """
+    path = journal_path(dataset)
+    if dataset.exists() and not path.exists():
+        raise DatasetInTheWay(dataset, path)
+    return CollectionJournal(path, plan, samples)
 
 
 class CollectionJournal:
