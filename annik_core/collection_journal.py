@@ -180,6 +180,18 @@ class CollectionJournal:
             )
         self.examples[example.row] = example
 
+    def read_again(self) -> None:
+        """Take the examples from the file, as if it were opened now.
+
+        For after an interruption, which may come between an example's line and its entry here.
+
+        Raises:
+            DamagedJournal: if somebody else has altered the file.
+        """
+        with _journal_errors():
+            self._lines.read_again()
+        self._read()
+
     def dataset(self) -> Dataset:
         """What was measured, in the order of the plan, with the joint positions of the plan.
 
@@ -209,9 +221,10 @@ class CollectionJournal:
 
     def _read(self) -> None:
         lines = self._lines.lines
+        self.examples.clear()
         if not lines:
             return
-        self._read_header(lines[0])
+        self._read_first(lines[0])
         for number, line in enumerate(lines[1:], start=2):
             try:
                 example = self._example(line)
@@ -221,7 +234,7 @@ class CollectionJournal:
                 ) from error
             self.examples[example.row] = example
 
-    def _read_header(self, header: Mapping[str, Any]) -> None:
+    def _read_first(self, header: Mapping[str, Any]) -> None:
         if not {"order", *self._identity} <= set(header):
             raise DamagedJournal(self.path, 1, "it is not the beginning of a journal")
         names = {

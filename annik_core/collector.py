@@ -115,6 +115,7 @@ class Collector:
         self._done_before = len(journal.examples)
         self._last_tick = 0.0
         self._measured: MeasuredJoints | None = None
+        self._silence = 0.0
         self._visit: _Visit | None = None
         self._command = self._robot.joint_box.centre
 
@@ -206,6 +207,7 @@ class Collector:
         if before is not None and measured.time == before.time:
             return
         self._measured = measured
+        self._silence = 0.0
         names, limit = self._robot.joint_names, self._settings.max_measured_step
         positions = measured.joint_positions
         if before is not None:
@@ -232,13 +234,14 @@ class Collector:
 
     def _check_silence(self, now: float) -> None:
         timeout = self._settings.measurement_timeout
-        if self._visit is None or self._measured is None:
-            return
-        silence = now - self._measured.time
-        if silence > timeout:
+        # While this process itself was held up, as by a slow disk, nobody was heard and nothing
+        # was commanded.
+        longest = max(_LONGEST_STEP / self._settings.command_rate, 0.25 * timeout)
+        self._silence += min(now - self._last_tick, longest)
+        if self._visit is not None and self._silence > timeout:
             raise CollectionStopped(
-                f"no joint states for {silence:.3g} s, more than the measurement_timeout of "
-                f"{timeout:.3g} s"
+                f"no joint states for {self._silence:.3g} s, more than the measurement_timeout "
+                f"of {timeout:.3g} s"
             )
 
     def _advance(self, visit: _Visit, now: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from typing import Final
@@ -151,9 +152,11 @@ class ExampleCollector(Node):
             What was written, in one line.
 
         Raises:
-            DatasetError: if the dataset can't be written. The journal has it all.
+            AnnikError: if the dataset can't be written. The journal has it all.
         """
         try:
+            # A signal may have come amid the record of an example.
+            self._journal.read_again()
             if not self._journal.examples:
                 return "nothing was measured, and no dataset written"
             save_dataset(self._journal.dataset(), self._dataset_path)
@@ -293,6 +296,8 @@ def main(args: list[str] | None = None) -> int:
     try:
         exit_code = run_node(NODE_NAME, make, args, lambda node: node.finished)
     finally:
+        # Who presses Ctrl-C twice wants the dataset too; nothing is left to be interrupted.
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         # However it ended: also an error that nobody foresaw loses nothing.
         for collector in collectors:
             exit_code = max(exit_code, _write_dataset(collector, time.monotonic() - started))
