@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,8 @@ from annik_core.pose import QUATERNION_NORM_TOLERANCE, FloatArray
 from annik_core.pose_correction import PoseNetwork
 from annik_core.robot import checked_numbers
 
-_ENTRIES = ("placements", "joint_networks", "pose_network", "error_bound")
+_PARTS = ("joint_networks", "pose_network", "error_bound")
+_ENTRIES = ("placements", *_PARTS, "provenance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,20 +29,24 @@ class ArmCorrections:
         joint_networks: corrections of the joint positions, or None.
         pose_network: a correction of the end effector's pose, or None.
         error_bound: what error is left, or None if nobody knows.
+        provenance: from what they were learned, and how; plain data.
     """
 
     placements: FloatArray
     joint_networks: JointNetworks | None = None
     pose_network: PoseNetwork | None = None
     error_bound: ErrorBound | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def as_plain_data(self) -> dict[str, Any]:
         """For a robot definition."""
         data: dict[str, Any] = {"placements": self.placements.tolist()}
-        for name in _ENTRIES[1:]:
+        for name in _PARTS:
             part = getattr(self, name)
             if part is not None:
                 data[name] = part.as_plain_data()
+        if self.provenance:
+            data["provenance"] = dict(self.provenance)
         return data
 
     @classmethod
@@ -77,5 +82,8 @@ class ArmCorrections:
             )
             if data.get(name) is not None
         }
+        provenance = data.get("provenance") or {}
+        if not isinstance(provenance, Mapping):
+            raise InvalidRobotDefinition(source, "corrections.provenance is not a mapping")
         placements.flags.writeable = False
-        return cls(placements, **parts)
+        return cls(placements, **parts, provenance=provenance)

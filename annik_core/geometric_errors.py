@@ -34,7 +34,8 @@ class ErrorKind(Enum):
     JOINT_OFFSET = "offset along the axis"
     LINK_LENGTH = "length of the link after it"
     LINK_TWIST = "twist of the link after it"
-    ALIGNMENT = "alignment of the link after it"
+    LINK_ALIGNMENT = "alignment of the link after it"
+    TOOL_ALIGNMENT = "alignment of the end effector"
 
 
 #: The four of Denavit and Hartenberg.
@@ -127,20 +128,21 @@ def _joint_errors(chain: ScrewChain, number: int, joint: str) -> list[GeometricE
     point, direction = _axis(chain, number - 1)
     foot, normal = _common_normal(chain, number)
     binormal = np.cross(direction, normal)
+    last = number == len(chain.axes)
+    alignment = ErrorKind.TOOL_ALIGNMENT if last else ErrorKind.LINK_ALIGNMENT
     rows = [
         (ErrorKind.JOINT_ZERO, True, direction, point),
         (ErrorKind.JOINT_OFFSET, False, direction, point),
         (ErrorKind.LINK_LENGTH, False, normal, foot),
         (ErrorKind.LINK_TWIST, True, normal, foot),
-        (ErrorKind.ALIGNMENT, True, binormal, foot),
+        (alignment, True, binormal, foot),
     ]
-    if number == len(chain.axes):
-        rows.append((ErrorKind.ALIGNMENT, False, binormal, foot))
-    names = {ErrorKind.ALIGNMENT: ("shift", "tilt")}
+    if last:
+        rows.append((alignment, False, binormal, foot))
     return [
         GeometricError(
             f"{joint}: {kind.value}"
-            + (f" ({names[kind][is_rotation]})" if kind is ErrorKind.ALIGNMENT else ""),
+            + (f" ({'tilt' if is_rotation else 'shift'})" if kind is alignment else ""),
             kind,
             number,
             is_rotation,

@@ -39,11 +39,13 @@ def read_imperfections(path: str | Path, robot: Robot) -> Imperfections:
     check_arm(robot)
     source = str(path)
     try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise InvalidImperfections(source, "there is no such file: check the path") from error
     except (OSError, ValueError) as error:
         raise InvalidImperfections(source, f"can't be read: {error}") from error
+    try:
+        data = yaml.safe_load(text)
     # Besides YAMLError, PyYAML lets through whatever an ill-formed date or tag runs into.
     except Exception as error:
         raise InvalidImperfections(source, f"not readable as YAML: {error}") from error

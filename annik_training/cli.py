@@ -30,6 +30,7 @@ from annik_training.robot_options import ROBOT_OPTIONS, chosen_robot, robot_argu
 
 if TYPE_CHECKING:
     from annik_core.dataset import Dataset
+    from annik_core.robot import Robot
     from annik_training.designs.diagnostics import DesignDiagnostics
     from annik_training.evaluation import Evaluation
     from annik_training.fitting.fit_network import Restart
@@ -59,7 +60,7 @@ _DEFAULT_DESIGNS: dict[str, tuple[str, int | None]] = {
 }
 _DESIGN_NAMES = (
     "thirty_phase, thirty_phase_plus, workspace_grid, central_composite, latin_hypercube, sobol, "
-    "random or active"
+    "random, active or identifiability"
 )
 
 
@@ -73,7 +74,8 @@ def _design_options(command: Any) -> Any:
             click.option(
                 "--examples",
                 type=int,
-                help="latin_hypercube, sobol, random, active: how many examples (default 100).",
+                help="latin_hypercube, sobol, random, active, identifiability: how many examples "
+                "(default 100).",
             ),
             click.option(
                 "--shells", type=int, help="central_composite: nested boxes (default 1)."
@@ -279,6 +281,72 @@ def train(
 
 
 @cli.command()
+@click.option(
+    "--measured",
+    type=_FILE,
+    required=True,
+    help="Poses measured on the robot (.npz), as example_collector writes them.",
+)
+@click.option(
+    "--nominal",
+    help="The arm as described: packaged, a definition or URDF; default: the dataset's.",
+)
+@click.option(
+    "--position-only",
+    is_flag=True,
+    help="The orientations were not measured: learn from the positions.",
+)
+@_SEED
+@click.option(
+    "--examples",
+    type=int,
+    default=512,
+    show_default=True,
+    help="Computed examples for the network that the learned robot's answers begin at.",
+)
+@click.option("--out", type=_FILE, required=True, help="The model file to write (.onnx).")
+@click.option("--summary", type=_FILE, help="Also write what came out as JSON.")
+def fit(
+    measured: Path,
+    nominal: str | None,
+    position_only: bool,
+    seed: int,
+    examples: int,
+    out: Path,
+    summary: Path | None,
+) -> None:
+    """Learn the robot you have from poses measured on it, and write its model file.
+
+    The geometry of the links, the zeros of the joints and what their gears do are corrected, as
+    far as the measured poses show it. A node answers with the corrected robot from then on, and
+    the residuals that it reports are the corrected model's.
+    """
+    from annik_core.dataset import load_dataset
+    from annik_training.compute_dataset import compute_dataset
+    from annik_training.fitting.fit_options import default_options
+    from annik_training.measured.learn_robot import learn_robot, with_nominal
+    from annik_training.measured.terminal import learned_summary, print_learned
+    from annik_training.train import check_writable
+    from annik_training.train import train as train_model
+
+    dataset = load_dataset(measured)
+    if nominal is not None:
+        dataset = with_nominal(dataset, _robot_named(nominal))
+    check_writable(out)
+    learned = learn_robot(dataset, seed, position_only=position_only)
+    print_learned(learned)
+    design, _ = _DEFAULT_DESIGNS["arm"]
+    result = train_model(
+        compute_dataset(learned.robot, design, examples, seed),
+        out,
+        replace(default_options("arm"), seed=seed),
+    )
+    _print_training(result)
+    if summary is not None:
+        _write(summary, json.dumps(learned_summary(learned), indent=2) + "\n")
+
+
+@cli.command()
 @robot_argument
 @click.option("--save", type=_FILE, help="Also write the definition (.yaml): robot, frames, box.")
 def robot(save: Path | None, **choices: Any) -> None:
@@ -309,24 +377,57 @@ def robot(save: Path | None, **choices: Any) -> None:
 @cli.command()
 @click.argument("model", type=_PATH)
 @_SEED
+@click.option(
+    "--measured",
+    type=_FILE,
+    help="Instead of computed poses: poses measured on the robot (.npz) that a learned model was "
+    "not learned from. Compares it with the nominal one.",
+)
 @click.option("--plot", type=_FILE, help="Draw where in the working box it is worst (.png).")
-def evaluate(model: Path, seed: int, plot: Path | None) -> None:
-    """Measure a model on fresh random poses of its robot's workspace.
+@click.option("--summary", type=_FILE, help="With --measured: also write the errors as JSON.")
+def evaluate(
+    model: Path, seed: int, measured: Path | None, plot: Path | None, summary: Path | None
+) -> None:
+    """Measure a model on fresh random poses of its robot's workspace, or on measured ones.
 
     MODEL is a model file or the name of a packaged model.
     """
+    if measured is not None:
+        _evaluate_measured(model, measured, plot, summary)
+        return
+    if summary is not None:
+        raise AnnikError("--summary needs --measured")
     from annik_core.artifact import load_artifact
     from annik_training.error_map import error_map
     from annik_training.evaluation import measure, summarise
     from annik_training.train import evaluation_dataset
 
     artifact = load_artifact(model)
-    measured = measure(artifact.joint_positions, evaluation_dataset(artifact.robot, seed))
+    errors = measure(artifact.joint_positions, evaluation_dataset(artifact.robot, seed))
     Console().print(
-        _evaluation_table(summarise(measured), f"{artifact.path}: {artifact.robot.name}")
+        _evaluation_table(summarise(errors), f"{artifact.path}: {artifact.robot.name}")
     )
     if plot is not None:
-        _write(plot, error_map(measured))
+        _write(plot, error_map(errors))
+        click.echo(f"wrote {plot}")
+
+
+def _evaluate_measured(
+    model: Path, measured: Path, plot: Path | None, summary: Path | None
+) -> None:
+    from annik_core.artifact import load_artifact
+    from annik_core.dataset import load_dataset
+    from annik_training.measured.evaluate_measured import evaluate_measured
+    from annik_training.measured.figure import before_and_after
+    from annik_training.measured.terminal import evaluation_summary, print_evaluation
+
+    artifact = load_artifact(model)
+    evaluation = evaluate_measured(artifact.robot, load_dataset(measured))
+    print_evaluation(evaluation, f"{artifact.path}: {artifact.robot.name}")
+    if summary is not None:
+        _write(summary, json.dumps(evaluation_summary(evaluation), indent=2) + "\n")
+    if plot is not None:
+        _write(plot, before_and_after(evaluation))
         click.echo(f"wrote {plot}")
 
 
@@ -588,6 +689,12 @@ def _refuse_beside_dataset(*names: str) -> None:
     ]
     if given:
         raise ConflictingOptions("--dataset", given)
+
+
+def _robot_named(source: str) -> Robot:
+    from annik_core.robot_library import load_robot
+
+    return load_robot(Path(source) if Path(source).suffix else source)
 
 
 def _computed_dataset(seed: int, choices: dict[str, Any]) -> Dataset:

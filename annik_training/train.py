@@ -53,7 +53,7 @@ def train(
         ExportMismatch: see :func:`annik_training.export_onnx.export_model`.
         ArtifactNotWritable: likewise.
     """
-    _check_writable(path)
+    check_writable(path)
     fitted = fit(dataset, options, on_restart)
     evaluation = evaluate(
         fitted.network.joint_positions, evaluation_dataset(dataset.robot, options.seed)
@@ -62,8 +62,12 @@ def train(
     return TrainingResult(path, fitted, evaluation)
 
 
-def _check_writable(path: Path) -> None:
-    """Find out before the fit, not after it."""
+def check_writable(path: Path) -> None:
+    """Find out before the fit, not after it.
+
+    Raises:
+        ArtifactNotWritable: if the folder of ``path`` can't be written to.
+    """
     try:
         ensure_writable_folder(path.parent)
     except OSError as error:

@@ -110,6 +110,18 @@ def _active(
     return active_design(system, size, rng, **options)
 
 
+def _identifiability(
+    subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any
+) -> FloatArray:
+    """The design for learning a real arm, which needs its kinematics."""
+    from annik_training.designs.identifiability_design import NAME, identifiability_design
+
+    robot = getattr(subject, "robot", subject)
+    if not isinstance(robot, Robot) or robot.kind != "arm":
+        raise UnsupportedRobotForDesign(NAME, subject.name, "it is no arm")
+    return identifiability_design(robot, size, rng, **options)
+
+
 _STEPS = ("steps", "steps of each sweep (j)", 6)
 _EXAMPLES = ("examples", "number of examples", 100)
 
@@ -175,6 +187,13 @@ DESIGNS: Mapping[str, Design] = {
             "chosen one batch after another, where networks fitted to the others disagree",
             (),
             _active,
+        ),
+        Design(
+            "identifiability",
+            *_EXAMPLES,
+            "where the errors of a real arm show best, for measuring it: D-optimal",
+            (),
+            _identifiability,
         ),
     )
 }

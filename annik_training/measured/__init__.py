@@ -1,0 +1,1 @@
+"""Learn the robot that is there from poses measured on it."""
