@@ -59,6 +59,19 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         **_of("command", _COUNTS),
         **_of("command", _LAST),
     },
+    "example_collector": {
+        "robot": "its name",
+        "robot definition sha256": "first digits of its SHA-256",
+        "phase": "what it is doing",
+        "examples planned": "rows of the plan",
+        "examples measured": "that are in the journal, of this run and of those before",
+        "examples failed": "attempts that failed; each is tried again after all others",
+        "examples skipped": "that can't be gone to inside the workspace box",
+        "measurements repeated": "that were refused and made again",
+        "time left [s]": "at the pace so far; empty before the first example",
+        **_of("pose", _COUNTS),
+        **_of("pose", _LAST),
+    },
 }
 
 #: When a report is more than OK.

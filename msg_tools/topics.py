@@ -45,7 +45,7 @@ TARGET_POSES = Topic(
 JOINT_COMMAND = Topic(
     "joint_command",
     "sensor_msgs/msg/JointState",
-    "ik_node",
+    "ik_node, or example_collector",
     "joint positions that reach the target [rad or m]; stamp: when the target was accepted",
 )
 ACCEPTED_TARGET = Topic(
@@ -105,7 +105,7 @@ ORIENTATION_ERROR = Topic(
 DIAGNOSTICS = Topic(
     "/diagnostics",
     "diagnostic_msgs/msg/DiagnosticArray",
-    "ik_node, fake_robot",
+    "ik_node, fake_robot, example_collector",
     "model, robot, counts by outcome, times; once a second",
 )
 
