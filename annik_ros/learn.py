@@ -39,8 +39,9 @@ ROBOT_SEED = 7
 EXAMPLES = 102
 POINTS = 201
 RATE = 50.0
-#: Of the half width of the working box, how far the path goes from its middle.
-_AMPLITUDE = 0.8
+#: Of the half width of the working box, how far the path goes from its middle. Farther, it comes
+#: to a singularity of the arm, beyond which a real one may not reach what the nominal one does.
+_AMPLITUDE = 0.6
 #: A robot with nothing to move needs no time [rad/s, rad/s^2].
 _VELOCITY, _ACCELERATION = 20.0, 500.0
 _MEASUREMENT_RATE = 200.0
