@@ -44,6 +44,7 @@ class BoundSession:
         """
         self._session = session
         self._input, self._output = (np.zeros((1, size)) for size in sizes)
+        self._input_row, self._output_row = self._input[0], self._output[0]
         self._binding: Any = session.io_binding()
         # On a processor an OrtValue is the array's own memory.
         self._binding.bind_ortvalue_input(
@@ -55,18 +56,25 @@ class BoundSession:
 
     def __call__(self, row: FloatArray | list[float]) -> FloatArray:
         """The answer ``(m,)`` to a row ``(n,)``."""
-        self._input[0] = row
+        self._input_row[:] = row
         self._session.run_with_iobinding(self._binding)
-        answer: FloatArray = self._output[0].copy()
+        answer: FloatArray = self._output_row.copy()
         return answer
 
 
-def pose_features(pose: FloatArray) -> list[float] | None:
-    """x, y, z [m], roll, pitch, yaw [rad] of a pose ``(7,)``; None where the graph is to say."""
-    roll, pitch, yaw = roll_pitch_yaw(pose[3:])
+def pose_features(
+    pose: FloatArray, angles: tuple[float, float, float] | None = None
+) -> list[float] | None:
+    """x, y, z [m], roll, pitch, yaw [rad] of a pose ``(7,)``; None where the graph is to say.
+
+    Args:
+        pose: a checked pose.
+        angles: its :func:`roll_pitch_yaw` [rad], if they are at hand.
+    """
+    x, y, z, *quaternion = pose.tolist()
+    roll, pitch, yaw = angles or roll_pitch_yaw(quaternion)
     if not abs(pitch) < _ACCURATE_PITCH:
         return None
-    x, y, z = pose[:3].tolist()
     return [x, y, z, roll, pitch, yaw]
 
 

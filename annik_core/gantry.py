@@ -17,6 +17,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import le
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from annik_core.errors import InvalidRobotDefinition
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import (
     FloatArray,
+    difference_of_numbers,
     pose_from_roll_pitch_yaw,
     quaternion_from_roll_pitch_yaw,
     roll_pitch_yaw,
@@ -111,6 +113,27 @@ class GantryKinematics(ForwardKinematics):
         """See :meth:`annik_core.robot.ForwardKinematics.error_to`."""
         return base_frame_error_to(self, target)
 
+    def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
+        """See :meth:`annik_core.robot.ForwardKinematics.residuals`.
+
+        In Python's own numbers, like all that stands in the way of every command.
+        """
+        ratios, offsets = self._transmissions
+        x, y, z, *angles = [
+            position * ratio + offset
+            for position, ratio, offset in zip(
+                joint_positions.tolist(), ratios, offsets, strict=True
+            )
+        ]
+        position, rotation = difference_of_numbers(
+            target.tolist(), [x, y, z, *quaternion_from_roll_pitch_yaw(*angles)]
+        )
+        return math.hypot(*position), math.hypot(*rotation)
+
+    @cached_property
+    def _transmissions(self) -> tuple[list[float], list[float]]:
+        return self.ratio.tolist(), self.offset.tolist()
+
 
 @dataclass(frozen=True, eq=False)
 class GantryWorkspace:
@@ -133,16 +156,25 @@ class GantryWorkspace:
 
     def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`; the reference is roll, pitch, yaw."""
-        position = pose[:3].tolist()
-        angles = np.array(roll_pitch_yaw(pose[3:]))
-        if _HALF_PI - abs(angles[1]) < GIMBAL_TOLERANCE:
-            if reference is None:
-                reference = 0.5 * (self.lower[3:] + self.upper[3:])
-            angles = _tilted_off_the_edge(angles, reference, self.lower[3:], self.upper[3:])
-            pose = np.array([*position, *quaternion_from_roll_pitch_yaw(*angles.tolist())])
-        return ResolvedTarget(pose, self._violation([*position, *angles.tolist()]), angles)
+        x, y, z, *quaternion = pose.tolist()
+        angles = roll_pitch_yaw(quaternion)
+        if _HALF_PI - abs(angles[1]) >= GIMBAL_TOLERANCE:
+            return ResolvedTarget(
+                pose, self._violation([x, y, z, *angles]), np.array(angles), angles
+            )
+        if reference is None:
+            reference = 0.5 * (self.lower[3:] + self.upper[3:])
+        tilted = _tilted_off_the_edge(
+            np.array(angles), reference, self.lower[3:], self.upper[3:]
+        )
+        numbers = tilted.tolist()
+        pose = np.array([x, y, z, *quaternion_from_roll_pitch_yaw(*numbers)])
+        return ResolvedTarget(pose, self._violation([x, y, z, *numbers]), tilted)
 
     def _violation(self, task: list[float]) -> str | None:
+        least, greatest = self._least_tolerated
+        if all(map(le, least, task)) and all(map(le, task, greatest)):
+            return None
         # A rounded quaternion moves roll and yaw the more, the closer the pitch is to the edge,
         # though it turns the end effector no further.
         turning = EDGE_TOLERANCE / max(math.cos(task[_PITCH]), GIMBAL_TOLERANCE)
@@ -160,6 +192,11 @@ class GantryWorkspace:
     @cached_property
     def _bounds(self) -> tuple[list[float], list[float]]:
         return self.lower.tolist(), self.upper.tolist()
+
+    @cached_property
+    def _least_tolerated(self) -> tuple[list[float], list[float]]:
+        """Bounds between which a task coordinate is in the workspace at any pitch."""
+        return (self.lower - EDGE_TOLERANCE).tolist(), (self.upper + EDGE_TOLERANCE).tolist()
 
 
 def _tilted_off_the_edge(

@@ -107,7 +107,8 @@ class IkSolver:
         checked = self._checked(pose, reference)
         if isinstance(checked, IkResult):
             return checked
-        answer = self.artifact.joint_positions_at(checked.resolved.pose)
+        resolved = checked.resolved
+        answer = self.artifact.joint_positions_at(resolved.pose, resolved.roll_pitch_yaw)
         return self._result(checked, answer, previous_positions)
 
     def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
@@ -162,18 +163,19 @@ class IkSolver:
         self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
     ) -> IkResult:
         """The network's answer, polished if asked, checked, and as a result."""
+        robot = self.robot
+        answer = None
         if self.refines and all(map(math.isfinite, network_answer.tolist())):
             answer = self._refined(target, network_answer, previous)
             if not answer.converged:
                 return _not_converged(answer)
-        else:
-            answer = Refined(network_answer, math.nan, math.nan, 0, False)
-        violation = self.robot.joint_limits.violation(answer.joint_positions)
+        joint_positions = network_answer if answer is None else answer.joint_positions
+        violation = robot.joint_limits.violation(joint_positions)
         if violation is not None:
             return IkResult.refused(IkStatus.JOINT_LIMIT, violation)
-        if not self.refines:
-            error = self.robot.forward_kinematics.error_to(target.pose).error(network_answer)
-            answer = Refined(network_answer, error.position, error.orientation, 0, True)
+        if answer is None:
+            residuals = robot.forward_kinematics.residuals(network_answer, target.pose)
+            answer = Refined(network_answer, *residuals, 0, True)
         return self._accepted_or_refused(target, answer, previous)
 
     def _refined(
@@ -204,7 +206,7 @@ class IkSolver:
         residuals = answer.position_residual, answer.orientation_residual, answer.newton_steps
         if violation is not None:
             return IkResult.refused(status, violation, *residuals)
-        answer.joint_positions.flags.writeable = False
+        answer.joint_positions.setflags(write=False)
         return IkResult(
             IkStatus.SUCCESS,
             answer.joint_positions,

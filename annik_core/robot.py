@@ -66,6 +66,14 @@ class ForwardKinematics(Protocol):
         """The error to one target pose ``(7,)`` as a function of the joint positions."""
         ...
 
+    def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
+        """Distance [m] and angle [rad] to one target pose ``(7,)`` at joint positions ``(dof,)``.
+
+        Those of :meth:`error_to`, which a robot that is asked for no more may know sooner.
+        """
+        error = self.error_to(target).error(joint_positions)
+        return error.position, error.orientation
+
 
 def base_frame_error_to(kinematics: ForwardKinematics, target: FloatArray) -> PoseErrorFunction:
     """:meth:`ForwardKinematics.error_to` by poses and Jacobians, with base-frame twists."""
@@ -96,11 +104,14 @@ class ResolvedTarget(NamedTuple):
             it that only one of them reaches.
         violation: what is outside which bound, or None if the target is in the workspace.
         reference: which of several solutions is meant; see :class:`Workspace`.
+        roll_pitch_yaw: the angles of ``pose`` [rad], by :func:`annik_core.pose.roll_pitch_yaw`,
+            if they are at hand.
     """
 
     pose: FloatArray
     violation: str | None
     reference: FloatArray
+    roll_pitch_yaw: tuple[float, float, float] | None = None
 
 
 class Workspace(Protocol):
