@@ -17,7 +17,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from operator import le
+from operator import add, le, mul
 from typing import Any
 
 import numpy as np
@@ -119,15 +119,9 @@ class GantryKinematics(ForwardKinematics):
         In Python's own numbers, like all that stands in the way of every command.
         """
         ratios, offsets = self._transmissions
-        x, y, z, *angles = [
-            position * ratio + offset
-            for position, ratio, offset in zip(
-                joint_positions.tolist(), ratios, offsets, strict=True
-            )
-        ]
-        position, rotation = difference_of_numbers(
-            target.tolist(), [x, y, z, *quaternion_from_roll_pitch_yaw(*angles)]
-        )
+        x, y, z, roll, pitch, yaw = map(add, map(mul, joint_positions.tolist(), ratios), offsets)
+        quaternion = quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
+        position, rotation = difference_of_numbers(target.tolist(), [x, y, z, *quaternion])
         return math.hypot(*position), math.hypot(*rotation)
 
     @cached_property
