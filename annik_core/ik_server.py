@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from annik_core.artifact import load_artifact
 from annik_core.command_safety import (
     CommandSafety,
     FirstCommandRule,
@@ -139,6 +138,8 @@ class IkServer:
             RobotMismatch: if it is for another robot.
             ArtifactError: if it can't be used.
         """
+        from annik_core.artifact import load_artifact
+
         artifact = load_artifact(path, expected_robot=self.solver.robot)
         self.solver = replace(self.solver, artifact=artifact)
 

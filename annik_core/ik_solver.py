@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from annik_core.acceptance import AcceptanceLimits, joint_step_violation, residual_violation
-from annik_core.artifact import ModelArtifact, load_artifact
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.pose import FloatArray, checked_pose
@@ -21,6 +20,7 @@ from annik_core.refinement_options import Refined, RefinementOptions
 from annik_core.robot import ResolvedTarget, Robot
 
 if TYPE_CHECKING:
+    from annik_core.artifact import ModelArtifact
     from annik_core.refinement import Refinement
 
 
@@ -76,6 +76,10 @@ class IkSolver:
         Raises:
             ArtifactError: if the file can't be used; see :mod:`annik_core.errors`.
         """
+        # Here, as in all that a node imports: what reads model files takes longer to load than a
+        # node to join the others, and both can happen at once.
+        from annik_core.artifact import load_artifact
+
         return cls(load_artifact(path), limits or AcceptanceLimits())
 
     @property

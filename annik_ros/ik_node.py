@@ -15,7 +15,6 @@ from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
-from annik_core.artifact import default_model_path, load_artifact, model_path
 from annik_core.errors import AnnikError, ConversionError
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.ik_server import IkServer
@@ -61,6 +60,9 @@ class Serving:
         Raises:
             AnnikError: if the model can't be used.
         """
+        # Loaded now that the node is there: it meets the others meanwhile.
+        from annik_core.artifact import load_artifact
+
         self._node = node
         solver = options.solver(load_artifact(_model_path(options)))
         robot = solver.robot
@@ -320,6 +322,8 @@ class IkNode(ManagedNode):
 
 
 def _model_path(options: IkNodeParameters) -> Path:
+    from annik_core.artifact import default_model_path, model_path
+
     return model_path(options.model) if options.model else default_model_path()
 
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from annik_core.acceptance import AcceptanceLimits
-from annik_core.artifact import ModelArtifact
 from annik_core.command_safety import CommandSafety, FirstCommandRule
 from annik_core.ik_solver import IkSolver, SolverMode
 from annik_core.refinement_options import RefinementOptions
 from annik_core.target_paths import DIAGONAL_POINTS
 from annik_ros.parameter_table import Parameter, parameter, parameter_table
 from msg_tools.topics import TOPICS
+
+if TYPE_CHECKING:
+    from annik_core.artifact import ModelArtifact
 
 
 class OnRefusal(Enum):
