@@ -26,6 +26,7 @@ from annik_core.errors import InvalidRobotDefinition
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import (
     FloatArray,
+    Numbers,
     difference_of_numbers,
     pose_from_roll_pitch_yaw,
     quaternion_from_roll_pitch_yaw,
@@ -148,19 +149,15 @@ class GantryWorkspace:
         task = self.kinematics.task_coordinates(joint_positions[np.newaxis])
         return task[0, 3:]
 
-    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
+    def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`; the reference is roll, pitch, yaw."""
         x, y, z, *quaternion = pose.tolist()
         angles = roll_pitch_yaw(quaternion)
         if _HALF_PI - abs(angles[1]) >= GIMBAL_TOLERANCE:
-            return ResolvedTarget(
-                pose, self._violation([x, y, z, *angles]), np.array(angles), angles
-            )
+            return ResolvedTarget(pose, self._violation([x, y, z, *angles]), angles, angles)
         if reference is None:
             reference = 0.5 * (self.lower[3:] + self.upper[3:])
-        tilted = _tilted_off_the_edge(
-            np.array(angles), reference, self.lower[3:], self.upper[3:]
-        )
+        tilted = _tilted_off_the_edge(angles, reference, self.lower[3:], self.upper[3:])
         numbers = tilted.tolist()
         pose = np.array([x, y, z, *quaternion_from_roll_pitch_yaw(*numbers)])
         return ResolvedTarget(pose, self._violation([x, y, z, *numbers]), tilted)
@@ -194,7 +191,7 @@ class GantryWorkspace:
 
 
 def _tilted_off_the_edge(
-    angles: FloatArray, reference: FloatArray, lower: FloatArray, upper: FloatArray
+    angles: Numbers, reference: Numbers, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """The equivalent roll and yaw nearest the reference, with the pitch just off +-90 degrees.
 

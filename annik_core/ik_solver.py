@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from annik_core.acceptance import AcceptanceLimits, joint_step_violation, residual_violation
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.ik_result import IkResult, IkStatus
-from annik_core.pose import FloatArray, checked_pose
+from annik_core.pose import FloatArray, Numbers, checked_pose
 from annik_core.refinement_options import Refined, RefinementOptions
 from annik_core.robot import ResolvedTarget, Robot
 
@@ -141,7 +141,7 @@ class IkSolver:
         robot = self.robot
         return Refinement(robot.forward_kinematics, robot.joint_box, self.refinement_options)
 
-    def _checked(self, pose: ArrayLike, reference: FloatArray | None) -> _Target | IkResult:
+    def _checked(self, pose: ArrayLike, reference: Numbers | None) -> _Target | IkResult:
         try:
             target = checked_pose(pose)
         except NonFiniteValue as error:
@@ -155,7 +155,7 @@ class IkSolver:
 
     def _remembered(
         self, previous: IkResult | FloatArray | None
-    ) -> tuple[FloatArray | None, FloatArray | None]:
+    ) -> tuple[Numbers | None, FloatArray | None]:
         """Reference and joint positions of what came before."""
         if previous is None:
             return None, None

@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion, WrongShape
 
 FloatArray = NDArray[np.float64]
+#: A few numbers: to make an array of them takes longer than to use them.
+Numbers = FloatArray | tuple[float, ...]
 
 POSE_FIELDS = (
     "position.x",

@@ -14,7 +14,7 @@ import numpy as np
 
 from annik_core.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray, single_pose_difference
+from annik_core.pose import FloatArray, Numbers, single_pose_difference
 
 
 class PoseError(NamedTuple):
@@ -110,20 +110,20 @@ class ResolvedTarget(NamedTuple):
 
     pose: FloatArray
     violation: str | None
-    reference: FloatArray
+    reference: Numbers
     roll_pitch_yaw: tuple[float, float, float] | None = None
 
 
 class Workspace(Protocol):
     """The poses that the robot is meant to reach.
 
-    Where a pose leaves a choice between joint positions, a *reference* says which are meant: an
-    array whose content only the workspace knows. Each resolved target gives the reference for the
-    next. It is exact, unlike the network's answer, by which small errors would add up while the
-    robot holds one pose.
+    Where a pose leaves a choice between joint positions, a *reference* says which are meant:
+    numbers whose meaning only the workspace knows. Each resolved target gives the reference for
+    the next. It is exact, unlike the network's answer, by which small errors would add up while
+    the robot holds one pose.
     """
 
-    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
+    def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
         """Check a target ``(7,)`` and make it unambiguous.
 
         Args:

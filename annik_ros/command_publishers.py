@@ -38,7 +38,7 @@ class CommandPublishers:
         """Create the publishers on ``node``."""
         self.options = options
         self._node = node
-        # Bare numbers of nanoseconds: to make a Time of each takes longer than to ask for it.
+        # For bare nanoseconds: to make a Time of them takes longer than to ask for them.
         self._clock = node.get_clock().handle
         self._robot = robot
         self._stamps = UniqueStamps()
@@ -102,9 +102,7 @@ class CommandPublishers:
 
     def _publish_command(self, joint_positions: FloatArray) -> int:
         """Publish joint positions in all forms that are wanted; returns their stamp [ns]."""
-        with self._clock:
-            now = self._clock.get_now().nanoseconds
-        stamp = self._stamps.next(now)
+        stamp = self._stamps.next(self._clock.get_now().nanoseconds)
         self._command_publisher.publish(self._command.filled(stamp, joint_positions))
         if self.options.publish_joint_trajectory:
             self._trajectory_publisher.publish(self._trajectory(joint_positions[np.newaxis]))

@@ -38,7 +38,7 @@ from annik_ros.throttle import Throttle
 from msg_tools.cdr import (
     StampedPoses,
     pose_array_from_bytes,
-    pose_from_bytes,
+    pose_numbers_from_bytes,
     pose_stamped_from_bytes,
 )
 from msg_tools.topics import JOINT_COMMAND, TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES
@@ -191,7 +191,7 @@ class IkNode(ManagedNode):
     def on_target(self, data: bytes) -> None:
         """Answer a plain target."""
         arrival = time.perf_counter()
-        received = self._received(data, pose_from_bytes)
+        received = self._received(data, pose_numbers_from_bytes)
         if received is None:
             return
         serving, pose = received

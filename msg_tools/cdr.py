@@ -55,9 +55,19 @@ def pose_from_bytes(data: bytes) -> FloatArray:
     Raises:
         MalformedMessage: if the bytes are not those of a Pose.
     """
+    return np.array(pose_numbers_from_bytes(data))
+
+
+def pose_numbers_from_bytes(data: bytes) -> tuple[float, ...]:
+    """:func:`pose_from_bytes` as a tuple, for who makes an array of it anyway.
+
+    Raises:
+        MalformedMessage: if the bytes are not those of a Pose.
+    """
     order = _byte_order(data, "Pose")
     _check_end(data, _HEADER_SIZE + _POSE_SIZE, "Pose")
-    return np.array(_POSES[order].unpack_from(data, _HEADER_SIZE))
+    numbers: tuple[float, ...] = _POSES[order].unpack_from(data, _HEADER_SIZE)
+    return numbers
 
 
 def pose_stamped_from_bytes(data: bytes) -> StampedPoses:
