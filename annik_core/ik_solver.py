@@ -76,8 +76,7 @@ class IkSolver:
         Raises:
             ArtifactError: if the file can't be used; see :mod:`annik_core.errors`.
         """
-        # Here, as in all that a node imports: what reads model files takes longer to load than a
-        # node to join the others, and both can happen at once.
+        # Not above: a node joins the others before it loads what reads model files.
         from annik_core.artifact import load_artifact
 
         return cls(load_artifact(path), limits or AcceptanceLimits())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from traceback import format_exception
 from typing import TypeVar
@@ -60,7 +61,6 @@ class Serving:
         Raises:
             AnnikError: if the model can't be used.
         """
-        # Loaded now that the node is there: it meets the others meanwhile.
         from annik_core.artifact import load_artifact
 
         self._node = node
@@ -110,6 +110,9 @@ class IkNode(ManagedNode):
             AnnikError: if a parameter can't be used, or the model with autostart.
         """
         super().__init__(NODE_NAME)
+        # What reads model files takes a while to load: now that the node is there, the middleware
+        # meets the others meanwhile.
+        import_module("annik_core.artifact")
         self.options = declare_parameters(self, IkNodeParameters)
         self._serving: Serving | None = None
         self._active = False
