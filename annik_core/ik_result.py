@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from annik_core.pose import QUATERNION_NORM_TOLERANCE, FloatArray
+from annik_core.pose import QUATERNION_NORM_TOLERANCE, FloatArray, Numbers
 
 
 class IkStatus(Enum):
@@ -87,7 +87,7 @@ class IkResult:
     newton_steps: int
     reason: str
     target: FloatArray | None = None
-    reference: FloatArray | None = None
+    reference: Numbers | None = None
 
     @property
     def accepted(self) -> bool:

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from annik_core.acceptance import AcceptanceLimits, joint_step_violation, residual_violation
-from annik_core.artifact import ModelArtifact, load_artifact
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.ik_result import IkResult, IkStatus
-from annik_core.pose import FloatArray, checked_pose
+from annik_core.pose import FloatArray, Numbers, checked_pose
 from annik_core.refinement_options import Refined, RefinementOptions
 from annik_core.robot import ResolvedTarget, Robot
 
 if TYPE_CHECKING:
+    from annik_core.artifact import ModelArtifact
     from annik_core.refinement import Refinement
 
 
@@ -76,6 +76,9 @@ class IkSolver:
         Raises:
             ArtifactError: if the file can't be used; see :mod:`annik_core.errors`.
         """
+        # Not above: a node joins the others before it loads what reads model files.
+        from annik_core.artifact import load_artifact
+
         return cls(load_artifact(path), limits or AcceptanceLimits())
 
     @property
@@ -107,7 +110,8 @@ class IkSolver:
         checked = self._checked(pose, reference)
         if isinstance(checked, IkResult):
             return checked
-        answer = self.artifact.joint_positions_at(checked.resolved.pose)
+        resolved = checked.resolved
+        answer = self.artifact.joint_positions_at(resolved.pose, resolved.roll_pitch_yaw)
         return self._result(checked, answer, previous_positions)
 
     def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
@@ -136,7 +140,7 @@ class IkSolver:
         robot = self.robot
         return Refinement(robot.forward_kinematics, robot.joint_box, self.refinement_options)
 
-    def _checked(self, pose: ArrayLike, reference: FloatArray | None) -> _Target | IkResult:
+    def _checked(self, pose: ArrayLike, reference: Numbers | None) -> _Target | IkResult:
         try:
             target = checked_pose(pose)
         except NonFiniteValue as error:
@@ -150,7 +154,7 @@ class IkSolver:
 
     def _remembered(
         self, previous: IkResult | FloatArray | None
-    ) -> tuple[FloatArray | None, FloatArray | None]:
+    ) -> tuple[Numbers | None, FloatArray | None]:
         """Reference and joint positions of what came before."""
         if previous is None:
             return None, None
@@ -162,18 +166,19 @@ class IkSolver:
         self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
     ) -> IkResult:
         """The network's answer, polished if asked, checked, and as a result."""
+        robot = self.robot
+        answer = None
         if self.refines and all(map(math.isfinite, network_answer.tolist())):
             answer = self._refined(target, network_answer, previous)
             if not answer.converged:
                 return _not_converged(answer)
-        else:
-            answer = Refined(network_answer, math.nan, math.nan, 0, False)
-        violation = self.robot.joint_limits.violation(answer.joint_positions)
+        joint_positions = network_answer if answer is None else answer.joint_positions
+        violation = robot.joint_limits.violation(joint_positions)
         if violation is not None:
             return IkResult.refused(IkStatus.JOINT_LIMIT, violation)
-        if not self.refines:
-            error = self.robot.forward_kinematics.error_to(target.pose).error(network_answer)
-            answer = Refined(network_answer, error.position, error.orientation, 0, True)
+        if answer is None:
+            residuals = robot.forward_kinematics.residuals(network_answer, target.pose)
+            answer = Refined(network_answer, *residuals, 0, True)
         return self._accepted_or_refused(target, answer, previous)
 
     def _refined(
@@ -204,7 +209,7 @@ class IkSolver:
         residuals = answer.position_residual, answer.orientation_residual, answer.newton_steps
         if violation is not None:
             return IkResult.refused(status, violation, *residuals)
-        answer.joint_positions.flags.writeable = False
+        answer.joint_positions.setflags(write=False)
         return IkResult(
             IkStatus.SUCCESS,
             answer.joint_positions,

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, fields
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from annik_core.acceptance import AcceptanceLimits
-from annik_core.artifact import ModelArtifact
 from annik_core.collection_settings import CollectionSettings
 from annik_core.command_safety import CommandSafety, FirstCommandRule
 from annik_core.drawn_imperfections import (
@@ -24,6 +24,9 @@ from annik_core.robot import Robot
 from annik_core.target_paths import DIAGONAL_POINTS
 from annik_ros.parameter_table import InvalidParameter, Parameter, parameter, parameter_table
 from msg_tools.topics import TOPICS
+
+if TYPE_CHECKING:
+    from annik_core.artifact import ModelArtifact
 
 
 class OnRefusal(Enum):
