@@ -12,7 +12,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from annik_core.acceptance import AcceptanceLimits, joint_step_violation, residual_violation
+from annik_core.acceptance import (
+    AcceptanceLimits,
+    expected_error_violation,
+    joint_step_violation,
+    residual_violation,
+)
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.pose import FloatArray, Numbers, checked_pose
@@ -46,7 +51,8 @@ class IkSolver:
     """Turns target poses into joint positions, in a bounded number of operations.
 
     The checks run in this order, and the first that fails is the answer: finite numbers, unit
-    quaternion, workspace, network, convergence (refined mode), joint limits, residual, joint step.
+    quaternion, workspace, network, convergence (refined mode), joint limits, residual, expected
+    error (of a robot learned from measured poses), joint step.
     They see exactly the joint positions that are returned; nothing is clamped.
 
     Attributes:
@@ -133,6 +139,11 @@ class IkSolver:
         ]
 
     @cached_property
+    def _judges_expected_error(self) -> bool:
+        limits = self.limits.max_expected_error, self.limits.max_expected_orientation_error
+        return self.robot.error_bound is not None or not all(map(math.isinf, limits))
+
+    @cached_property
     def _refinement(self) -> Refinement:
         # Loaded for those who refine only: the linear algebra behind it takes a while.
         from annik_core.refinement import Refinement
@@ -196,11 +207,17 @@ class IkSolver:
     def _accepted_or_refused(
         self, target: _Target, answer: Refined, previous: FloatArray | None
     ) -> IkResult:
-        """The last two checks: residual and joint step."""
+        """The last checks: residual, expected error and joint step."""
         status = IkStatus.RESIDUAL_TOO_LARGE
         violation = residual_violation(
             answer.position_residual, answer.orientation_residual, self.limits
         )
+        expected = _UNKNOWN
+        if violation is None and self._judges_expected_error:
+            status = IkStatus.EXPECTED_ERROR_TOO_LARGE
+            bound = self.robot.error_bound
+            expected = _UNKNOWN if bound is None else bound.at(answer.joint_positions)
+            violation = expected_error_violation(*expected, self.limits)
         if violation is None and previous is not None:
             status = IkStatus.JOINT_STEP_TOO_LARGE
             violation = joint_step_violation(
@@ -217,7 +234,12 @@ class IkSolver:
             "",
             target.pose,
             target.resolved.reference,
+            *expected,
         )
+
+
+#: Of a robot that was not measured.
+_UNKNOWN = (math.nan, math.nan)
 
 
 class _Target(NamedTuple):

@@ -19,12 +19,14 @@ from std_srvs.srv import Trigger
 from annik_core.errors import AnnikError, ConversionError
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.ik_server import IkServer
+from annik_core.robot import Robot
 from annik_ros.command_publishers import CommandPublishers
 from annik_ros.declare_parameters import current_parameters, declare_parameters
 from annik_ros.diagnostics import (
     DiagnosticReport,
     DiagnosticsPublisher,
     Level,
+    expected_error_values,
     outcome_report,
     time_values,
 )
@@ -314,14 +316,24 @@ class IkNode(ManagedNode):
             "model sha256": artifact.sha256[:12],
             "robot": artifact.robot.name,
             "mode": "refined" if server.solver.refines else "network",
+            "forward kinematics": _kinematics(artifact.robot),
         }
         return outcome_report(
             "target",
             summary.outcomes,
             artifact.robot.name,
-            {**state, **model, **time_values(summary)},
+            {**state, **model, **time_values(summary), **expected_error_values(summary)},
             self.options.expected_rate if self._active else 0.0,
         )
+
+
+def _kinematics(robot: Robot) -> str:
+    """What the residuals are by."""
+    corrections = robot.definition.get("corrections")
+    if corrections is None:
+        return "as described"
+    examples = corrections.get("provenance", {}).get("examples", "?")
+    return f"learned from {examples} measured poses"
 
 
 def _model_path(options: IkNodeParameters) -> Path:

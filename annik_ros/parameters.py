@@ -115,6 +115,24 @@ class IkNodeParameters:
         maximum=math.inf,
         read_only=False,
     )
+    max_expected_error: float = parameter(
+        AcceptanceLimits.max_expected_error,
+        "Of a model that was learned from measured poses: largest distance by which the robot may "
+        "miss where the model has it, for 95 of 100 poses; an answer beyond it is refused. "
+        "Infinite: no limit.",
+        unit="m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    max_expected_orientation_error: float = parameter(
+        AcceptanceLimits.max_expected_orientation_error,
+        "Likewise the angle.",
+        unit="rad",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
     max_joint_velocity: float = parameter(
         CommandSafety.max_joint_velocity,
         "Largest change of any joint from the previous command, by the time since it; an answer "
@@ -259,10 +277,9 @@ class IkNodeParameters:
 
     @property
     def acceptance_limits(self) -> AcceptanceLimits:
-        """The three limits as the solver takes them."""
-        return AcceptanceLimits(
-            self.max_position_residual, self.max_orientation_residual, self.max_joint_step
-        )
+        """The limits as the solver takes them."""
+        names = (entry.name for entry in fields(AcceptanceLimits))
+        return AcceptanceLimits(**{name: getattr(self, name) for name in names})
 
     def solver(self, artifact: ModelArtifact) -> IkSolver:
         """The solver that they describe, for a model."""
