@@ -15,7 +15,13 @@ from typing import Any
 from rich.console import Console
 
 from annik_core.atomic_write import write_files_atomically
-from annik_ros.demonstration import drive, make_empty, processes, run_demonstration
+from annik_ros.demonstration import (
+    demonstration_parser,
+    drive,
+    make_empty,
+    processes,
+    run_demonstration,
+)
 from msg_tools.report import write_report
 from msg_tools.report_table import print_report
 
@@ -75,9 +81,9 @@ def _train(model: Path, logs: Path, console: Console) -> dict[str, Any]:
 
 def main() -> int:
     """Run the demo; returns the exit code."""
-    return run_demonstration(
-        "demo", "Train, serve, drive, record and report.", Path("build/demo"), run_demo
-    )
+    parser = demonstration_parser("Train, serve, drive, record and report.", Path("build/demo"))
+    folder = parser.parse_args().out
+    return run_demonstration("demo", lambda console: run_demo(folder, console))
 
 
 if __name__ == "__main__":

@@ -136,30 +136,30 @@ def make_empty(folder: Path) -> Path:
     return logs
 
 
-def run_demonstration(
-    name: str, description: str, folder: Path, run: Callable[[Path, Console], str]
-) -> int:
+def demonstration_parser(description: str, folder: Path) -> argparse.ArgumentParser:
+    """The command line of a demonstration; ``folder`` is what ``--out`` is by default."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--out", type=Path, default=folder, help="folder to fill")
+    return parser
+
+
+def run_demonstration(name: str, run: Callable[[Console], str]) -> int:
     """Run a demonstration as a program.
 
     Args:
         name: what to call it in an error.
-        description: for ``--help``.
-        folder: what ``--out`` is by default.
-        run: fills the folder, tells the console of its progress, and says where to look.
+        run: does it, tells the console of its progress, and says where to look.
 
     Returns:
         The exit code.
     """
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--out", type=Path, default=folder, help="folder to fill")
-    chosen = parser.parse_args().out
     console = Console()
     # A shell that starts it in the background has SIGINT ignored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _on_termination)
     try:
-        result = run(chosen, console)
+        result = run(console)
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
     except AnnikError as error:

@@ -24,6 +24,7 @@ from annik_core.target_paths import CSV_COLUMNS
 from annik_ros.demonstration import (
     END_TIMEOUT,
     START_TIMEOUT,
+    demonstration_parser,
     drive,
     make_empty,
     processes,
@@ -49,13 +50,14 @@ _COLLECT_TIMEOUT = 900.0
 _FIT_TIMEOUT = 900.0
 
 
-def run_learn(folder: Path, console: Console) -> str:
+def run_learn(folder: Path, examples: int, console: Console) -> str:
     """Run it and leave everything it makes in a folder.
 
     Args:
         folder: gets ``plan.npz``, ``measured.npz`` and its journal, ``learned.onnx``, the bags
             and reports ``before/`` and ``after/``, ``before_and_after.png``, ``results.json`` and
             ``logs/``.
+        examples: how many poses to measure.
         console: told of the progress.
 
     Returns:
@@ -69,10 +71,10 @@ def run_learn(folder: Path, console: Console) -> str:
         folder / name for name in ("plan.npz", "measured.npz", "learned.onnx")
     )
     robot: dict[str, object] = {"robot": ROBOT, "imperfection_seed": ROBOT_SEED}
-    with console.status(f"measuring {EXAMPLES} poses"), processes(logs) as started:
+    with console.status(f"measuring {examples} poses"), processes(logs) as started:
         started.annik(
             "design",
-            *("design", "sobol", "--robot", ROBOT, "--examples", str(EXAMPLES)),
+            *("design", "sobol", "--robot", ROBOT, "--examples", str(examples)),
             *("--out", str(plan)),
         ).wait(START_TIMEOUT)
         fake_robot = started.node(
@@ -94,7 +96,7 @@ def run_learn(folder: Path, console: Console) -> str:
             max_measured_step=2.0,
         ).wait(_COLLECT_TIMEOUT)
         fake_robot.interrupt(END_TIMEOUT)
-    console.print(f"measured {EXAMPLES} poses of a {ROBOT} that is not as described")
+    console.print(f"measured {examples} poses of a {ROBOT} that is not as described")
     summary = folder / "fit.json"
     with console.status("learning the robot"), processes(logs) as started:
         started.annik(
@@ -157,8 +159,11 @@ def _drive(
 
 def main() -> int:
     """Run it; returns the exit code."""
+    parser = demonstration_parser("Measure, learn and drive a robot.", Path("build/learn"))
+    parser.add_argument("--examples", type=int, default=EXAMPLES, help="how many poses to measure")
+    arguments = parser.parse_args()
     return run_demonstration(
-        "learn", "Measure, learn and drive a robot.", Path("build/learn"), run_learn
+        "learn", lambda console: run_learn(arguments.out, arguments.examples, console)
     )
 
 
