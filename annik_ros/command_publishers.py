@@ -70,6 +70,7 @@ class CommandPublishers:
             return
         self._last = result.joint_positions
         stamp = self._publish_command(result.joint_positions)
+        # Asked anew each time: a message for nobody costs thirty times as much as the question.
         if self._target_publisher.get_subscription_count():
             self._target_publisher.publish(self._target.filled(stamp, result.target))
 

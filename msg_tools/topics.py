@@ -52,7 +52,7 @@ ACCEPTED_TARGET = Topic(
     "accepted_target",
     "geometry_msgs/msg/PoseStamped",
     "ik_node",
-    "the target of the command with the same stamp",
+    "the target of the command with the same stamp; sent while somebody listens",
 )
 JOINT_TRAJECTORY = Topic(
     "joint_trajectory",
