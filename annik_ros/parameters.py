@@ -549,15 +549,16 @@ class ExampleCollectorParameters:
     )
     settle_tolerance: float = parameter(
         CollectionSettings.settle_tolerance,
-        "The robot stands still when no measured joint is further than this from its command, "
-        "or moves more,",
+        "The robot stands still while no measured joint is further than this from its command, "
+        "or moves by more than this.",
         unit="rad or m",
         minimum=_SMALLEST_LIMIT,
         maximum=1000.0,
     )
     settle_time: float = parameter(
         CollectionSettings.settle_time,
-        "for this long. Longer than measured_pose is late, or poses from before are averaged too.",
+        "How long it stands still before it is measured. Longer than measured_pose is late, or "
+        "poses from before are averaged too.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,
