@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, fields
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from annik_core.acceptance import AcceptanceLimits
-from annik_core.artifact import ModelArtifact
 from annik_core.collection_settings import CollectionSettings
 from annik_core.command_safety import CommandSafety, FirstCommandRule
 from annik_core.drawn_imperfections import (
@@ -24,6 +24,9 @@ from annik_core.robot import Robot
 from annik_core.target_paths import DIAGONAL_POINTS
 from annik_ros.parameter_table import InvalidParameter, Parameter, parameter, parameter_table
 from msg_tools.topics import TOPICS
+
+if TYPE_CHECKING:
+    from annik_core.artifact import ModelArtifact
 
 
 class OnRefusal(Enum):
@@ -108,6 +111,24 @@ class IkNodeParameters:
         "Largest change of any joint from the previous command, and of the first command from the "
         "measured joint positions; an answer beyond it is refused. Infinite: no limit.",
         unit="rad or m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    max_expected_error: float = parameter(
+        AcceptanceLimits.max_expected_error,
+        "Of a model that was learned from measured poses: largest distance by which the robot may "
+        "miss where the model has it, for 95 of 100 poses; an answer beyond it is refused. "
+        "Infinite: no limit.",
+        unit="m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    max_expected_orientation_error: float = parameter(
+        AcceptanceLimits.max_expected_orientation_error,
+        "Likewise the angle.",
+        unit="rad",
         minimum=_SMALLEST_LIMIT,
         maximum=math.inf,
         read_only=False,
@@ -256,10 +277,9 @@ class IkNodeParameters:
 
     @property
     def acceptance_limits(self) -> AcceptanceLimits:
-        """The three limits as the solver takes them."""
-        return AcceptanceLimits(
-            self.max_position_residual, self.max_orientation_residual, self.max_joint_step
-        )
+        """The limits as the solver takes them."""
+        names = (entry.name for entry in fields(AcceptanceLimits))
+        return AcceptanceLimits(**{name: getattr(self, name) for name in names})
 
     def solver(self, artifact: ModelArtifact) -> IkSolver:
         """The solver that they describe, for a model."""
