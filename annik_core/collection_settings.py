@@ -19,13 +19,13 @@ class CollectionSettings:
         max_joint_velocity: of every joint [rad/s or m/s].
         max_joint_acceleration: of every joint [rad/s^2 or m/s^2].
         max_measured_step: largest distance of a measured joint from its command, and from where
-            it was measured before [rad or m].
+            it was measured before [rad or m]. From half of it on the motion slows down.
         measurement_timeout: longest silence of the joint states [s].
         workspace_box_lower: least x, y, z of the end effector in the base frame [m].
         workspace_box_upper: greatest x, y, z [m].
         settle_tolerance: how near to its command a joint comes to stand still [rad or m].
         settle_time: how long it stands still before it is measured [s].
-        settle_timeout: longest wait for that [s].
+        settle_timeout: longest wait for that, and for a robot that lags behind [s].
         samples: measured poses that are averaged for an example.
         pose_timeout: longest wait for the samples of one measurement [s].
         max_position_spread: largest distance of a sample from the mean [m].
@@ -65,6 +65,10 @@ class CollectionSettings:
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
+        if not self.max_measured_step > 0.0:
+            raise InvalidCollectionSetting(
+                "max_measured_step", self.max_measured_step, "more than 0"
+            )
         for name in ("command_rate", "max_joint_velocity", "max_joint_acceleration"):
             value = getattr(self, name)
             if not 0.0 < value < math.inf:

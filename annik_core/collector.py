@@ -27,6 +27,9 @@ from annik_core.visiting_order import visiting_order
 #: A command that comes late takes the motion no further than this many command periods: the
 #: next one would be a jump.
 _LONGEST_STEP = 2.0
+#: A motion has its full speed while the robot lags behind by no more than this part of
+#: max_measured_step, and stands still from the other part on.
+_FULL_PACE, _NO_PACE = 0.5, 0.9
 
 
 class MeasuredJoints(NamedTuple):
@@ -72,6 +75,7 @@ class _Visit:
         target: ``(dof,)`` [rad or m].
         motion: the way there.
         motion_time: how much of it was commanded [s].
+        held_back: how long it took more, since the robot lagged behind [s].
         settling: whether the robot stands still there.
         deadline: of the phase [s].
         samples: measured poses ``(7,)``.
@@ -87,6 +91,7 @@ class _Visit:
     deadline: float
     samples: list[FloatArray]
     joint_positions: list[FloatArray]
+    held_back: float = 0.0
     repeats: int = 0
 
 
@@ -265,7 +270,16 @@ class Collector:
 
     def _move(self, visit: _Visit, now: float) -> None:
         period = 1.0 / self._settings.command_rate
-        visit.motion_time += min(now - self._last_tick, _LONGEST_STEP * period)
+        elapsed = min(now - self._last_tick, _LONGEST_STEP * period)
+        share = self._pace()
+        visit.motion_time += share * elapsed
+        visit.held_back += (1.0 - share) * elapsed
+        if visit.held_back > self._settings.settle_timeout:
+            raise CollectionStopped(
+                "the robot does not follow its commands: it lagged behind by half of the "
+                f"max_measured_step of {self._settings.max_measured_step:.6g} or more, and did "
+                f"not catch up within the settle_timeout of {self._settings.settle_timeout:.4g} s"
+            )
         command = visit.motion.joint_positions_at(visit.motion_time)
         violation = place_violation(self._robot, self._settings.command_safety, command)
         if violation is not None:
@@ -275,6 +289,18 @@ class Collector:
         if visit.motion_time >= visit.motion.duration:
             self.phase = Phase.SETTLING
             visit.deadline = now + self._settings.settle_timeout
+
+    def _pace(self) -> float:
+        """Which part of its speed a motion has: less if the robot, or what it says, is late.
+
+        Less and less on the way to the limit of the distance, and nothing shortly before it: that
+        is exceeded by what the robot does, not by what it is commanded.
+        """
+        if self._measured is None:
+            return 0.0
+        lag = float(np.abs(self._command - self._measured.joint_positions).max())
+        share = lag / self._settings.max_measured_step
+        return min(max((_NO_PACE - share) / (_NO_PACE - _FULL_PACE), 0.0), 1.0)
 
     def _measure(self, visit: _Visit, now: float) -> None:
         """Begin to measure."""

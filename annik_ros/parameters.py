@@ -540,7 +540,8 @@ class ExampleCollectorParameters:
     max_measured_step: float = parameter(
         CollectionSettings.max_measured_step,
         "Largest distance of a measured joint from its command, and from where it was measured "
-        "before; beyond it the node stops, with exit code 1. Infinite: no limit.",
+        "before; beyond it the node stops, with exit code 1. From half of it on the motion slows "
+        "down, so that the robot can catch up. Infinite: no limit.",
         unit="rad or m",
         minimum=_SMALLEST_LIMIT,
         maximum=math.inf,
@@ -569,22 +570,24 @@ class ExampleCollectorParameters:
     )
     settle_tolerance: float = parameter(
         CollectionSettings.settle_tolerance,
-        "The robot stands still when no measured joint is further than this from its command, "
-        "or moves more,",
+        "The robot stands still while no measured joint is further than this from its command, "
+        "or moves by more than this.",
         unit="rad or m",
         minimum=_SMALLEST_LIMIT,
         maximum=1000.0,
     )
     settle_time: float = parameter(
         CollectionSettings.settle_time,
-        "for this long. Longer than measured_pose is late, or poses from before are averaged too.",
+        "How long it stands still before it is measured. Longer than measured_pose is late, or "
+        "poses from before are averaged too.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,
     )
     settle_timeout: float = parameter(
         CollectionSettings.settle_timeout,
-        "An example at which the robot does not stand still after this time has failed for now.",
+        "An example at which the robot does not stand still after this time has failed for now; a "
+        "robot that does not catch up in this time stops the node.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,

@@ -231,15 +231,42 @@ def test_a_joint_that_jumps_stops_everything(make) -> None:
 
 
 def test_a_robot_that_does_not_follow_stops_everything(make) -> None:
+    """Such as one that is blocked. It is not commanded to go further than the limit allows."""
     simulation = make(max_measured_step=0.05)
     simulation.begin()
     stuck = simulation.joints.copy()
     simulation.follow = lambda command: stuck
-    with pytest.raises(CollectionStopped, match="not where it was commanded to be"):
+    with pytest.raises(CollectionStopped, match="the robot does not follow its commands"):
         simulation.run()
-    # What was commanded is not further away than allowed, and one command.
-    _, last = simulation.commands[-1]
-    assert np.abs(last - stuck).max() <= 0.05 + 2 * SETTINGS.spacing
+    commands = np.array([command for _, command in simulation.commands])
+    assert np.abs(commands - stuck).max() <= 0.05
+
+
+def test_a_robot_that_goes_elsewhere_stops_everything(make) -> None:
+    simulation = make(max_measured_step=0.05)
+    simulation.begin()
+    away = simulation.joints + 0.5
+    simulation.follow = lambda command: simulation.joints + 0.05 * (away - simulation.joints)
+    with pytest.raises(CollectionStopped, match=r"not where it was commanded to be: .* 0\.05"):
+        simulation.run()
+
+
+@pytest.mark.parametrize("late", [0.1, 0.3])
+def test_joint_states_that_are_late_slow_the_motion_down_and_do_not_stop_it(make, late) -> None:
+    """At full speed, what they say would be further from the command than allowed."""
+    simulation = make(max_measured_step=0.15)
+    assert late * SETTINGS.max_joint_velocity > 0.15
+    simulation.begin()
+    said = [simulation.joints] * round(late / simulation.period)
+
+    def before(joints: np.ndarray) -> np.ndarray:
+        said.append(joints)
+        return said.pop(0)
+
+    simulation.measure_joints = before
+    simulation.run()
+    assert simulation.collector.journal.is_complete
+    assert not messages(simulation).warnings
 
 
 @pytest.mark.parametrize("beyond", [0.001, 0.1])

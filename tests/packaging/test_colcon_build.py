@@ -14,7 +14,14 @@ import pytest
 pytestmark = [pytest.mark.colcon, pytest.mark.ros, pytest.mark.slow]
 
 ROOT = Path(__file__).parents[2]
-EXECUTABLES = {"annik", "bag_recorder", "fake_robot", "ik_node", "target_publisher"}
+EXECUTABLES = {
+    "annik",
+    "bag_recorder",
+    "example_collector",
+    "fake_robot",
+    "ik_node",
+    "target_publisher",
+}
 SHARED_FOLDERS = ("config", "launch", "models", "robots")
 
 BUILD_TIMEOUT = 120.0  # [s]
