@@ -32,8 +32,8 @@ from rosbags.interfaces import (
 )
 
 from annik_core.errors import AnnikError, BagNotWritable
+from annik_ros.bag_recorder_parameters import BagRecorderParameters
 from annik_ros.declare_parameters import declare_parameters
-from annik_ros.parameters import BagRecorderParameters
 from annik_ros.spin import initialise, one_line
 from msg_tools.bag_writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.message_types import is_known_type

@@ -13,8 +13,8 @@ from annik_core.ik_result import IkResult
 from annik_core.pose import FloatArray
 from annik_core.robot import Robot
 from annik_core.unique_stamps import UniqueStamps
+from annik_ros.ik_node_parameters import IkNodeParameters
 from annik_ros.message_template import MessageTemplate
-from annik_ros.parameters import IkNodeParameters
 from annik_ros.qos import RESULT_DEPTH, reliable
 from msg_tools.joint_state import joint_state_to_message
 from msg_tools.joint_trajectory import joint_trajectory_to_message, position_array_to_message

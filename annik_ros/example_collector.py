@@ -30,8 +30,8 @@ from annik_core.robot import Robot
 from annik_core.unique_stamps import LAST_STAMP
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
+from annik_ros.example_collector_parameters import ExampleCollectorParameters
 from annik_ros.measured_joint_positions import MeasuredJointPositions
-from annik_ros.parameters import ExampleCollectorParameters
 from annik_ros.qos import reliable
 from annik_ros.spin import one_line, run_node
 from annik_ros.throttle import Throttle

@@ -11,7 +11,7 @@ from rclpy.logging import get_logger
 from rclpy.task import Future
 
 from annik_core.errors import AnnikError
-from annik_ros.parameters import ExecutorChoice
+from annik_ros.executor_choice import ExecutorChoice
 
 #: Longest wait for work [s]. Jazzy's events executor calls nobody back unless its wait is finite.
 _LONGEST_WAIT: Final = 0.5

@@ -25,8 +25,8 @@ from annik_core.tracking_error import tracking_error
 from annik_core.unique_stamps import LAST_STAMP
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
+from annik_ros.fake_robot_parameters import FakeRobotParameters
 from annik_ros.parameter_table import InvalidParameter
-from annik_ros.parameters import FakeRobotParameters
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.spin import run_node
 from annik_ros.throttle import Throttle

@@ -30,10 +30,11 @@ from annik_ros.diagnostics import (
     outcome_report,
     time_values,
 )
+from annik_ros.executor_choice import ExecutorChoice
 from annik_ros.executors import make_executor
+from annik_ros.ik_node_parameters import IkNodeParameters, OnRefusal
 from annik_ros.managed_node import ManagedNode, logged
 from annik_ros.measured_joint_positions import MeasuredJointPositions
-from annik_ros.parameters import ExecutorChoice, IkNodeParameters, OnRefusal
 from annik_ros.qos import reliable
 from annik_ros.services import RELOAD_MODEL
 from annik_ros.spin import run_node

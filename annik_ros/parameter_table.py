@@ -14,6 +14,9 @@ from annik_core.errors import AnnikError
 Value = TypeVar("Value")
 ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
+#: The least limit that can be set: a limit must be greater than 0.
+SMALLEST_LIMIT = 1e-12
+
 _METADATA_KEY = "parameter"
 _TYPE_NAMES: dict[type, str] = {
     bool: "bool",

@@ -20,9 +20,9 @@ from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 from annik_core.target_paths import circle_path, csv_path, diagonal_path, line_path
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.parameter_table import InvalidParameter
-from annik_ros.parameters import TargetPublisherParameters
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.spin import run_node
+from annik_ros.target_publisher_parameters import TargetPublisherParameters
 from msg_tools.pose import pose_stamped_to_message, pose_to_message
 from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED
 

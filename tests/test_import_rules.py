@@ -102,7 +102,7 @@ def test_no_statement_imports_the_forbidden(module: str) -> None:
 def test_serving_the_gantry_loads_no_library_that_it_can_do_without() -> None:
     """A node is ready the sooner; and nothing is loaded late, while a target waits."""
     script = (
-        "import sys, annik_ros.parameters\n"
+        "import sys, annik_ros.ik_node_parameters\n"
         "from annik_core.ik_server import IkServer\n"
         "from annik_core.ik_solver import IkSolver\n"
         "server = IkServer(IkSolver.from_file('gantry'))\n"

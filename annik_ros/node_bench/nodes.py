@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from annik_ros.child_process import ChildProcess
-from annik_ros.parameters import ExecutorChoice
+from annik_ros.executor_choice import ExecutorChoice
 
 _MODULES = {"ik_node": "annik_ros.ik_node", "null_node": "annik_ros.node_bench.null_node"}
 NULL = "null_node"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from annik_ros.executor_choice import ExecutorChoice
 from annik_ros.node_bench.nodes import NULL, NodeVariant
 from annik_ros.node_bench.results import NodeBenchResults, RoundTripResult
 from annik_ros.node_bench.settings import QUICK, NodeBenchSettings
-from annik_ros.parameters import ExecutorChoice
 
 _NULL_NAME = NodeVariant(NULL).name
 

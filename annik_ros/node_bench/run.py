@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from annik_ros.executor_choice import ExecutorChoice
 from annik_ros.node_bench.client import Client
 from annik_ros.node_bench.memory import measure_memory
 from annik_ros.node_bench.nodes import NULL, NodeVariant
@@ -19,7 +20,6 @@ from annik_ros.node_bench.settings import NodeBenchSettings
 from annik_ros.node_bench.start_up import measure_starts
 from annik_ros.node_bench.streams import measure_streams
 from annik_ros.node_bench.target_stream import TargetStreams
-from annik_ros.parameters import ExecutorChoice
 
 #: Told of each part when it begins.
 OnProgress = Callable[[str], None]

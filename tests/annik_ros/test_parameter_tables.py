@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import pytest
 
 from annik_core.acceptance import AcceptanceLimits
+from annik_ros.fake_robot_parameters import FakeRobotParameters
+from annik_ros.ik_node_parameters import IkNodeParameters
 from annik_ros.parameter_table import InvalidParameter, Parameter, parameter, parameter_table
-from annik_ros.parameters import PARAMETER_TABLES, FakeRobotParameters, IkNodeParameters
+from annik_ros.parameters import PARAMETER_TABLES
 
 ROWS = [(node, row) for node, table in PARAMETER_TABLES.items() for row in table]
 
