@@ -16,6 +16,7 @@ from annik_core.errors import RobotMismatch
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
 from annik_training.fitting.one_thread import one_thread
+from annik_training.measured.cross_validation import predicts_better
 from annik_training.measured.errors import TooFewMeasurements
 from annik_training.measured.fit_parameters import FittedParameters, fit_parameters
 from annik_training.measured.gray_box_model import GrayBoxModel, Part, nominal_kinematics
@@ -39,6 +40,8 @@ CANDIDATES: tuple[frozenset[Part], ...] = (
 _UNKNOWN_NOISE = Noise(5e-5, 5e-5)
 #: Random starts of the networks; the fits to few examples have other minima.
 _STARTS = 2
+#: Standard errors by which the closed form must find a model better to be believed at once.
+_CLOSE = 4.0
 _EVALUATIONS = 100
 #: How often the noise is estimated anew.
 _NOISE_ROUNDS = 3
@@ -177,7 +180,7 @@ def _learn(
     _check_number(robot, kept, int(outliers.sum()))
     fits = [_fit(GrayBoxModel(robot, parts), kept, noise, rng) for parts in CANDIDATES]
     candidates = tuple(_judged(fitted) for fitted in fits)
-    fitted = fits[_chosen(candidates)]
+    fitted = fits[_confirmed(robot, _chosen(candidates), candidates, kept, noise, rng)]
     for _ in range(_NOISE_ROUNDS):
         noise = estimated_noise(fitted, dataset.measurement_noise)
         fitted = fit_parameters(fitted.model, kept, noise, fitted.parameters, _EVALUATIONS)
@@ -223,6 +226,27 @@ def _chosen(candidates: tuple[Candidate, ...]) -> int:
         for index, candidate in enumerate(candidates)
         if candidate.score <= best.score + best.standard_error
     )
+
+
+def _confirmed(
+    robot: Robot,
+    chosen: int,
+    candidates: tuple[Candidate, ...],
+    observations: Observations,
+    noise: Noise,
+    rng: np.random.Generator,
+) -> int:
+    """The choice, or the best simpler candidate, if the choice was close and does not hold."""
+    if chosen == 0:
+        return chosen
+    simpler = min(range(chosen), key=lambda index: candidates[index].score)
+    gain = candidates[simpler].score - candidates[chosen].score
+    if gain > _CLOSE * candidates[simpler].standard_error:
+        return chosen
+    flexible, simple = (
+        GrayBoxModel(robot, candidates[index].parts) for index in (chosen, simpler)
+    )
+    return chosen if predicts_better(flexible, simple, observations, noise, rng) else simpler
 
 
 def estimated_noise(fitted: FittedParameters, known: tuple[float, float] | None) -> Noise:
