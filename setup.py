@@ -109,6 +109,7 @@ setup(
         "console_scripts": [
             "annik = annik_training.cli:main",
             "bag_recorder = annik_ros.bag_recorder:main",
+            "example_collector = annik_ros.example_collector:main",
             "fake_robot = annik_ros.fake_robot_node:main",
             "ik_node = annik_ros.ik_node:main",
             "target_publisher = annik_ros.target_publisher:main",

@@ -28,6 +28,9 @@ class AcceptanceLimits:
         max_position_residual: largest distance from the target [m].
         max_orientation_residual: largest angle from the target's orientation [rad].
         max_joint_step: largest change of any joint from the previous command [rad or m].
+        max_expected_error: largest distance between where the model says that the robot goes and
+            where it may really go [m]; see :class:`annik_core.error_bound.ErrorBound`.
+        max_expected_orientation_error: likewise the angle [rad].
 
     Raises:
         InvalidAcceptanceLimit: if a limit is NaN, zero or negative.
@@ -36,6 +39,8 @@ class AcceptanceLimits:
     max_position_residual: float = 1e-3
     max_orientation_residual: float = 5e-3
     max_joint_step: float = math.inf
+    max_expected_error: float = math.inf
+    max_expected_orientation_error: float = math.inf
 
     def __post_init__(self) -> None:
         """Refuse limits that no answer, or any answer, could satisfy."""
@@ -57,6 +62,36 @@ def residual_violation(
         return (
             f"orientation residual {math.degrees(orientation_residual):.4g} degrees exceeds "
             f"{math.degrees(limits.max_orientation_residual):.4g} degrees"
+        )
+    return None
+
+
+def expected_error_violation(
+    position: float, orientation: float, limits: AcceptanceLimits
+) -> str | None:
+    """Why these expected errors [m], [rad] are too large, or None.
+
+    NaN, of a robot that was not measured, is too large for any limit but infinity.
+    """
+    for what, expected, limit, unit, factor in (
+        ("error", position, limits.max_expected_error, "mm", 1e3),
+        (
+            "orientation error",
+            orientation,
+            limits.max_expected_orientation_error,
+            "degrees",
+            math.degrees(1.0),
+        ),
+    ):
+        if math.isinf(limit) or expected <= limit:
+            continue
+        if math.isnan(expected):
+            return (
+                f"expected {what} is limited to {factor * limit:.4g} {unit}, but nobody knows it: "
+                "the model was not learned from measured poses (annik fit)"
+            )
+        return (
+            f"expected {what} {factor * expected:.4g} {unit} exceeds {factor * limit:.4g} {unit}"
         )
     return None
 

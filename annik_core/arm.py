@@ -14,7 +14,7 @@ from annik_core.arm_corrections import ArmCorrections
 from annik_core.corrected_kinematics import JointCorrectedKinematics, PoseCorrectedKinematics
 from annik_core.errors import InvalidRobotDefinition, MissingDependency
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, Numbers
 from annik_core.robot import (
     ForwardKinematics,
     PoseError,
@@ -211,7 +211,7 @@ class ArmWorkspace:
     centre: FloatArray
     reach: float
 
-    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
+    def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`: every pose is taken as it is."""
         # Python's own numbers: three of them are not worth a call of NumPy.
         distance = dist(pose.tolist()[:3], self._centre)

@@ -118,17 +118,23 @@ class ModelArtifact:
             )
         return answer
 
-    def joint_positions_at(self, pose: FloatArray) -> FloatArray:
+    def joint_positions_at(
+        self, pose: FloatArray, angles: tuple[float, float, float] | None = None
+    ) -> FloatArray:
         """The same for one pose ``(7,)``: ``(dof,)``, and quicker.
 
         Not for several threads at once: pose and answer pass through memory of this object.
+
+        Args:
+            pose: a checked pose.
+            angles: its :func:`annik_core.pose.roll_pitch_yaw` [rad], if they are at hand.
 
         Raises:
             NetworkFailed: if there is no answer.
         """
         try:
             if self.from_features is not None:
-                features = pose_features(pose)
+                features = pose_features(pose, angles)
                 if features is not None:
                     return self.from_features(features)
             return self._from_pose(pose)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from annik_core.acceptance import largest_step_beyond
 from annik_core.errors import AnnikError
-from annik_core.pose import POSE_FIELDS, FloatArray
+from annik_core.pose import POSE_FIELDS, FloatArray, Numbers
 
 
 class InvalidSafetyLimit(AnnikError):
@@ -83,16 +83,14 @@ class CommandSafety:
         return any(map(math.isfinite, (*self.workspace_box_lower, *self.workspace_box_upper)))
 
 
-def box_violation(pose: FloatArray, safety: CommandSafety) -> str | None:
+def box_violation(pose: Numbers, safety: CommandSafety) -> str | None:
     """Why the position of a pose ``(7,)`` is outside the workspace box, or None.
 
     A pose that is not finite has no violation here: that is another check's to say.
     """
     if not safety.has_workspace_box:
         return None
-    bounds = zip(
-        pose[:3].tolist(), safety.workspace_box_lower, safety.workspace_box_upper, strict=True
-    )
+    bounds = zip(pose[:3], safety.workspace_box_lower, safety.workspace_box_upper, strict=True)
     for axis, (value, low, high) in enumerate(bounds):
         if math.isfinite(value) and not low <= value <= high:
             return (

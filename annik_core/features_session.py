@@ -4,7 +4,8 @@ A model file holds everything from the pose to the joint positions. The first pa
 graph turns a quaternion into roll, pitch and yaw, in some fifty operations on single numbers, each
 of which costs onnxruntime as much as a whole layer. Where the angles are at hand, the rest of the
 graph alone gives the same answer. Which part that is, is found by trying, and proven by the
-reference answers in the file; a graph without such a part is run whole.
+reference answers in the file; a graph without such a part is run whole. What is left is scalings
+and layers; fewer of them do the same, see :mod:`annik_core.linear_layers`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 import onnx
 import onnxruntime
 
+from annik_core.linear_layers import with_linear_layers
 from annik_core.pose import FloatArray, roll_pitch_yaw
 
 #: The pose encoding whose features these are, by its name in a model file.
@@ -44,6 +46,7 @@ class BoundSession:
         """
         self._session = session
         self._input, self._output = (np.zeros((1, size)) for size in sizes)
+        self._input_row, self._output_row = self._input[0], self._output[0]
         self._binding: Any = session.io_binding()
         # On a processor an OrtValue is the array's own memory.
         self._binding.bind_ortvalue_input(
@@ -55,18 +58,25 @@ class BoundSession:
 
     def __call__(self, row: FloatArray | list[float]) -> FloatArray:
         """The answer ``(m,)`` to a row ``(n,)``."""
-        self._input[0] = row
+        self._input_row[:] = row
         self._session.run_with_iobinding(self._binding)
-        answer: FloatArray = self._output[0].copy()
+        answer: FloatArray = self._output_row.copy()
         return answer
 
 
-def pose_features(pose: FloatArray) -> list[float] | None:
-    """x, y, z [m], roll, pitch, yaw [rad] of a pose ``(7,)``; None where the graph is to say."""
-    roll, pitch, yaw = roll_pitch_yaw(pose[3:])
+def pose_features(
+    pose: FloatArray, angles: tuple[float, float, float] | None = None
+) -> list[float] | None:
+    """x, y, z [m], roll, pitch, yaw [rad] of a pose ``(7,)``; None where the graph is to say.
+
+    Args:
+        pose: a checked pose.
+        angles: its :func:`roll_pitch_yaw` [rad], if they are at hand.
+    """
+    x, y, z, *quaternion = pose.tolist()
+    roll, pitch, yaw = angles or roll_pitch_yaw(quaternion)
     if not abs(pitch) < _ACCURATE_PITCH:
         return None
-    x, y, z = pose[:3].tolist()
     return [x, y, z, roll, pitch, yaw]
 
 
@@ -92,10 +102,12 @@ def session_from_features(
     features = [row for row in map(pose_features, poses) if row is not None]
     if len(features) < len(poses):
         return None
-    for name, rest in _rests(model):
-        output = model.graph.output[0].name
+    output = model.graph.output[0].name
+    for name, rest in _candidates(model):
         bound = BoundSession(
-            make_session(rest), (name, output), (len(features[0]), expected.shape[1])
+            make_session(rest.SerializeToString()),
+            (name, output),
+            (len(features[0]), expected.shape[1]),
         )
         try:
             answers = np.array([bound(row) for row in features])
@@ -107,7 +119,16 @@ def session_from_features(
     return None
 
 
-def _rests(model: onnx.ModelProto) -> Iterator[tuple[str, bytes]]:
+def _candidates(model: onnx.ModelProto) -> Iterator[tuple[str, onnx.ModelProto]]:
+    """The rests of a graph, each in its shorter form first, and the names of their inputs."""
+    for name, rest in _rests(model):
+        shorter = with_linear_layers(rest)
+        if shorter is not None:
+            yield name, shorter
+        yield name, rest
+
+
+def _rests(model: onnx.ModelProto) -> Iterator[tuple[str, onnx.ModelProto]]:
     """The graph from each tensor on that all that follows comes from alone, and its name."""
     nodes = model.graph.node
     constants = {tensor.name for tensor in model.graph.initializer}
@@ -128,4 +149,4 @@ def _rests(model: onnx.ModelProto) -> Iterator[tuple[str, bytes]]:
         rest.graph.input.append(
             onnx.helper.make_tensor_value_info(name, onnx.TensorProto.DOUBLE, ["n", None])
         )
-        yield name, rest.SerializeToString()
+        yield name, rest

@@ -17,6 +17,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import add, le, mul
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ from annik_core.errors import InvalidRobotDefinition
 from annik_core.joint_limits import JointLimits
 from annik_core.pose import (
     FloatArray,
+    Numbers,
+    difference_of_numbers,
     pose_from_roll_pitch_yaw,
     quaternion_from_roll_pitch_yaw,
     roll_pitch_yaw,
@@ -111,6 +114,21 @@ class GantryKinematics(ForwardKinematics):
         """See :meth:`annik_core.robot.ForwardKinematics.error_to`."""
         return base_frame_error_to(self, target)
 
+    def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
+        """See :meth:`annik_core.robot.ForwardKinematics.residuals`.
+
+        In Python's own numbers, like all that stands in the way of every command.
+        """
+        ratios, offsets = self._transmissions
+        x, y, z, roll, pitch, yaw = map(add, map(mul, joint_positions.tolist(), ratios), offsets)
+        quaternion = quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
+        position, rotation = difference_of_numbers(target.tolist(), [x, y, z, *quaternion])
+        return math.hypot(*position), math.hypot(*rotation)
+
+    @cached_property
+    def _transmissions(self) -> tuple[list[float], list[float]]:
+        return self.ratio.tolist(), self.offset.tolist()
+
 
 @dataclass(frozen=True, eq=False)
 class GantryWorkspace:
@@ -131,18 +149,23 @@ class GantryWorkspace:
         task = self.kinematics.task_coordinates(joint_positions[np.newaxis])
         return task[0, 3:]
 
-    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
+    def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
         """See :meth:`annik_core.robot.Workspace.resolve`; the reference is roll, pitch, yaw."""
-        position = pose[:3].tolist()
-        angles = np.array(roll_pitch_yaw(pose[3:]))
-        if _HALF_PI - abs(angles[1]) < GIMBAL_TOLERANCE:
-            if reference is None:
-                reference = 0.5 * (self.lower[3:] + self.upper[3:])
-            angles = _tilted_off_the_edge(angles, reference, self.lower[3:], self.upper[3:])
-            pose = np.array([*position, *quaternion_from_roll_pitch_yaw(*angles.tolist())])
-        return ResolvedTarget(pose, self._violation([*position, *angles.tolist()]), angles)
+        x, y, z, *quaternion = pose.tolist()
+        angles = roll_pitch_yaw(quaternion)
+        if _HALF_PI - abs(angles[1]) >= GIMBAL_TOLERANCE:
+            return ResolvedTarget(pose, self._violation([x, y, z, *angles]), angles, angles)
+        if reference is None:
+            reference = 0.5 * (self.lower[3:] + self.upper[3:])
+        tilted = _tilted_off_the_edge(angles, reference, self.lower[3:], self.upper[3:])
+        numbers = tilted.tolist()
+        pose = np.array([x, y, z, *quaternion_from_roll_pitch_yaw(*numbers)])
+        return ResolvedTarget(pose, self._violation([x, y, z, *numbers]), tilted)
 
     def _violation(self, task: list[float]) -> str | None:
+        least, greatest = self._least_tolerated
+        if all(map(le, least, task)) and all(map(le, task, greatest)):
+            return None
         # A rounded quaternion moves roll and yaw the more, the closer the pitch is to the edge,
         # though it turns the end effector no further.
         turning = EDGE_TOLERANCE / max(math.cos(task[_PITCH]), GIMBAL_TOLERANCE)
@@ -161,9 +184,14 @@ class GantryWorkspace:
     def _bounds(self) -> tuple[list[float], list[float]]:
         return self.lower.tolist(), self.upper.tolist()
 
+    @cached_property
+    def _least_tolerated(self) -> tuple[list[float], list[float]]:
+        """Bounds between which a task coordinate is in the workspace at any pitch."""
+        return (self.lower - EDGE_TOLERANCE).tolist(), (self.upper + EDGE_TOLERANCE).tolist()
+
 
 def _tilted_off_the_edge(
-    angles: FloatArray, reference: FloatArray, lower: FloatArray, upper: FloatArray
+    angles: Numbers, reference: Numbers, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """The equivalent roll and yaw nearest the reference, with the pitch just off +-90 degrees.
 

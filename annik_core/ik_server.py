@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from annik_core.artifact import load_artifact
 from annik_core.command_safety import (
     CommandSafety,
     FirstCommandRule,
@@ -22,7 +21,7 @@ from annik_core.command_safety import (
 from annik_core.errors import AnnikError
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.ik_solver import IkSolver
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, Numbers
 from annik_core.solve_statistics import SolveStatistics, SolveSummary
 
 
@@ -71,7 +70,7 @@ class IkServer:
         self._previous_time = -math.inf
         self._statistics = SolveStatistics(clock())
 
-    def answer(self, pose: FloatArray, frame_id: str = "", age: float | None = None) -> IkResult:
+    def answer(self, pose: Numbers, frame_id: str = "", age: float | None = None) -> IkResult:
         """Answer one target, and count it.
 
         Args:
@@ -139,6 +138,8 @@ class IkServer:
             RobotMismatch: if it is for another robot.
             ArtifactError: if it can't be used.
         """
+        from annik_core.artifact import load_artifact
+
         artifact = load_artifact(path, expected_robot=self.solver.robot)
         self.solver = replace(self.solver, artifact=artifact)
 
@@ -172,8 +173,7 @@ class IkServer:
         return results, None
 
     def _refusal_of_header(self, frame_id: str, age: float | None) -> IkResult | None:
-        base_frame = self.solver.robot.base_frame
-        if frame_id not in ("", base_frame):
+        if frame_id and frame_id != (base_frame := self.solver.robot.base_frame):
             return IkResult.refused(
                 IkStatus.WRONG_FRAME,
                 f"the target is in frame {frame_id!r}; it must be in {base_frame!r}, "
@@ -186,7 +186,7 @@ class IkServer:
 
     def _solve(
         self,
-        pose: FloatArray,
+        pose: Numbers,
         previous: IkResult | None,
         interval: float,
         on_the_way: bool = False,
@@ -219,7 +219,7 @@ class IkServer:
             return result
         return self._held_to(self._measure(), result, limit, IkStatus.TOO_FAR_FROM_MEASURED)
 
-    def _solve_first(self, pose: FloatArray) -> IkResult:
+    def _solve_first(self, pose: Numbers) -> IkResult:
         rule = self.safety.first_command
         if rule is FirstCommandRule.FREE and math.isinf(self.safety.max_measured_step):
             return self.solver.solve(pose)

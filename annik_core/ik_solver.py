@@ -12,15 +12,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from annik_core.acceptance import AcceptanceLimits, joint_step_violation, residual_violation
-from annik_core.artifact import ModelArtifact, load_artifact
+from annik_core.acceptance import (
+    AcceptanceLimits,
+    expected_error_violation,
+    joint_step_violation,
+    residual_violation,
+)
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.ik_result import IkResult, IkStatus
-from annik_core.pose import FloatArray, checked_pose
+from annik_core.pose import FloatArray, Numbers, checked_pose
 from annik_core.refinement_options import Refined, RefinementOptions
 from annik_core.robot import ResolvedTarget, Robot
 
 if TYPE_CHECKING:
+    from annik_core.artifact import ModelArtifact
     from annik_core.refinement import Refinement
 
 
@@ -46,7 +51,8 @@ class IkSolver:
     """Turns target poses into joint positions, in a bounded number of operations.
 
     The checks run in this order, and the first that fails is the answer: finite numbers, unit
-    quaternion, workspace, network, convergence (refined mode), joint limits, residual, joint step.
+    quaternion, workspace, network, convergence (refined mode), joint limits, residual, expected
+    error (of a robot learned from measured poses), joint step.
     They see exactly the joint positions that are returned; nothing is clamped.
 
     Attributes:
@@ -76,6 +82,9 @@ class IkSolver:
         Raises:
             ArtifactError: if the file can't be used; see :mod:`annik_core.errors`.
         """
+        # Not above: a node joins the others before it loads what reads model files.
+        from annik_core.artifact import load_artifact
+
         return cls(load_artifact(path), limits or AcceptanceLimits())
 
     @property
@@ -107,7 +116,8 @@ class IkSolver:
         checked = self._checked(pose, reference)
         if isinstance(checked, IkResult):
             return checked
-        answer = self.artifact.joint_positions_at(checked.resolved.pose)
+        resolved = checked.resolved
+        answer = self.artifact.joint_positions_at(resolved.pose, resolved.roll_pitch_yaw)
         return self._result(checked, answer, previous_positions)
 
     def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
@@ -129,6 +139,11 @@ class IkSolver:
         ]
 
     @cached_property
+    def _judges_expected_error(self) -> bool:
+        limits = self.limits.max_expected_error, self.limits.max_expected_orientation_error
+        return self.robot.error_bound is not None or not all(map(math.isinf, limits))
+
+    @cached_property
     def _refinement(self) -> Refinement:
         # Loaded for those who refine only: the linear algebra behind it takes a while.
         from annik_core.refinement import Refinement
@@ -136,7 +151,7 @@ class IkSolver:
         robot = self.robot
         return Refinement(robot.forward_kinematics, robot.joint_box, self.refinement_options)
 
-    def _checked(self, pose: ArrayLike, reference: FloatArray | None) -> _Target | IkResult:
+    def _checked(self, pose: ArrayLike, reference: Numbers | None) -> _Target | IkResult:
         try:
             target = checked_pose(pose)
         except NonFiniteValue as error:
@@ -150,7 +165,7 @@ class IkSolver:
 
     def _remembered(
         self, previous: IkResult | FloatArray | None
-    ) -> tuple[FloatArray | None, FloatArray | None]:
+    ) -> tuple[Numbers | None, FloatArray | None]:
         """Reference and joint positions of what came before."""
         if previous is None:
             return None, None
@@ -162,18 +177,19 @@ class IkSolver:
         self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
     ) -> IkResult:
         """The network's answer, polished if asked, checked, and as a result."""
+        robot = self.robot
+        answer = None
         if self.refines and all(map(math.isfinite, network_answer.tolist())):
             answer = self._refined(target, network_answer, previous)
             if not answer.converged:
                 return _not_converged(answer)
-        else:
-            answer = Refined(network_answer, math.nan, math.nan, 0, False)
-        violation = self.robot.joint_limits.violation(answer.joint_positions)
+        joint_positions = network_answer if answer is None else answer.joint_positions
+        violation = robot.joint_limits.violation(joint_positions)
         if violation is not None:
             return IkResult.refused(IkStatus.JOINT_LIMIT, violation)
-        if not self.refines:
-            error = self.robot.forward_kinematics.error_to(target.pose).error(network_answer)
-            answer = Refined(network_answer, error.position, error.orientation, 0, True)
+        if answer is None:
+            residuals = robot.forward_kinematics.residuals(network_answer, target.pose)
+            answer = Refined(network_answer, *residuals, 0, True)
         return self._accepted_or_refused(target, answer, previous)
 
     def _refined(
@@ -191,11 +207,17 @@ class IkSolver:
     def _accepted_or_refused(
         self, target: _Target, answer: Refined, previous: FloatArray | None
     ) -> IkResult:
-        """The last two checks: residual and joint step."""
+        """The last checks: residual, expected error and joint step."""
         status = IkStatus.RESIDUAL_TOO_LARGE
         violation = residual_violation(
             answer.position_residual, answer.orientation_residual, self.limits
         )
+        expected = _UNKNOWN
+        if violation is None and self._judges_expected_error:
+            status = IkStatus.EXPECTED_ERROR_TOO_LARGE
+            bound = self.robot.error_bound
+            expected = _UNKNOWN if bound is None else bound.at(answer.joint_positions)
+            violation = expected_error_violation(*expected, self.limits)
         if violation is None and previous is not None:
             status = IkStatus.JOINT_STEP_TOO_LARGE
             violation = joint_step_violation(
@@ -204,7 +226,7 @@ class IkSolver:
         residuals = answer.position_residual, answer.orientation_residual, answer.newton_steps
         if violation is not None:
             return IkResult.refused(status, violation, *residuals)
-        answer.joint_positions.flags.writeable = False
+        answer.joint_positions.setflags(write=False)
         return IkResult(
             IkStatus.SUCCESS,
             answer.joint_positions,
@@ -212,7 +234,12 @@ class IkSolver:
             "",
             target.pose,
             target.resolved.reference,
+            *expected,
         )
+
+
+#: Of a robot that was not measured.
+_UNKNOWN = (math.nan, math.nan)
 
 
 class _Target(NamedTuple):

@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion, WrongShape
 
 FloatArray = NDArray[np.float64]
+#: A few numbers: to make an array of them takes longer than to use them.
+Numbers = FloatArray | tuple[float, ...]
 
 POSE_FIELDS = (
     "position.x",
@@ -114,8 +116,15 @@ def single_pose_difference(
     In Python's own numbers, since it stands in the way of every command: for a single rotation
     SciPy takes some thirty times as long.
     """
-    x, y, z, a, b, c, d = target.tolist()
-    from_x, from_y, from_z, e, f, g, h = achieved.tolist()
+    return difference_of_numbers(target.tolist(), achieved.tolist())
+
+
+def difference_of_numbers(
+    target: list[float], achieved: list[float]
+) -> tuple[list[float], list[float]]:
+    """:func:`single_pose_difference` of lists of seven numbers."""
+    x, y, z, a, b, c, d = target
+    from_x, from_y, from_z, e, f, g, h = achieved
     # The vector and the scalar part of the quaternion product q_target conjugate(q_achieved).
     vector = (
         a * h - d * e - b * g + c * f,
@@ -130,8 +139,8 @@ def single_pose_difference(
     return [x - from_x, y - from_y, z - from_z], [factor * part for part in vector]
 
 
-def roll_pitch_yaw(quaternion: FloatArray) -> tuple[float, float, float]:
-    """Roll, pitch and yaw [rad] of a unit quaternion ``(4,)`` x, y, z, w.
+def roll_pitch_yaw(quaternion: FloatArray | list[float]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of a unit quaternion ``(4,)`` x, y, z, w; quicker for a list.
 
     Rotations about the fixed x, y and z axes, in this order; roll and yaw in [-pi, pi]. At a pitch
     of 90 degrees the two are not unique, only their difference is; at -90 degrees their sum.
@@ -141,7 +150,7 @@ def roll_pitch_yaw(quaternion: FloatArray) -> tuple[float, float, float]:
         [Bernardes2022] E. Bernardes, S. Viollet: Quaternion to Euler angles conversion: a direct,
         general and computationally efficient method. PLoS ONE 17(11), 2022.
     """
-    x, y, z, w = quaternion.tolist()
+    x, y, z, w = quaternion
     half_sum = math.atan2(x + z, w - y)
     half_difference = math.atan2(z - x, w + y)
     pitch = 2.0 * math.atan2(math.hypot(w + y, z - x), math.hypot(w - y, x + z)) - 0.5 * math.pi

@@ -14,7 +14,7 @@ import numpy as np
 
 from annik_core.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.joint_limits import JointLimits
-from annik_core.pose import FloatArray, single_pose_difference
+from annik_core.pose import FloatArray, Numbers, single_pose_difference
 
 if TYPE_CHECKING:
     from annik_core.error_bound import ErrorBound
@@ -69,6 +69,14 @@ class ForwardKinematics(Protocol):
         """The error to one target pose ``(7,)`` as a function of the joint positions."""
         ...
 
+    def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
+        """Distance [m] and angle [rad] to one target pose ``(7,)`` at joint positions ``(dof,)``.
+
+        Those of :meth:`error_to`, which a robot that is asked for no more may know sooner.
+        """
+        error = self.error_to(target).error(joint_positions)
+        return error.position, error.orientation
+
 
 def base_frame_error_to(kinematics: ForwardKinematics, target: FloatArray) -> PoseErrorFunction:
     """:meth:`ForwardKinematics.error_to` by poses and Jacobians, with base-frame twists."""
@@ -99,23 +107,26 @@ class ResolvedTarget(NamedTuple):
             it that only one of them reaches.
         violation: what is outside which bound, or None if the target is in the workspace.
         reference: which of several solutions is meant; see :class:`Workspace`.
+        roll_pitch_yaw: the angles of ``pose`` [rad], by :func:`annik_core.pose.roll_pitch_yaw`,
+            if they are at hand.
     """
 
     pose: FloatArray
     violation: str | None
-    reference: FloatArray
+    reference: Numbers
+    roll_pitch_yaw: tuple[float, float, float] | None = None
 
 
 class Workspace(Protocol):
     """The poses that the robot is meant to reach.
 
-    Where a pose leaves a choice between joint positions, a *reference* says which are meant: an
-    array whose content only the workspace knows. Each resolved target gives the reference for the
-    next. It is exact, unlike the network's answer, by which small errors would add up while the
-    robot holds one pose.
+    Where a pose leaves a choice between joint positions, a *reference* says which are meant:
+    numbers whose meaning only the workspace knows. Each resolved target gives the reference for
+    the next. It is exact, unlike the network's answer, by which small errors would add up while
+    the robot holds one pose.
     """
 
-    def resolve(self, pose: FloatArray, reference: FloatArray | None) -> ResolvedTarget:
+    def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
         """Check a target ``(7,)`` and make it unambiguous.
 
         Args:

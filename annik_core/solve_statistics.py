@@ -1,4 +1,4 @@
-"""Counts of targets by outcome, and percentiles of the latest times."""
+"""Counts of targets by outcome, and percentiles of the latest times and expected errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WINDOW = 1000
 
 
 class Percentiles(NamedTuple):
-    """Of the latest times [s]; NaN before the first."""
+    """Of the latest values; NaN before the first."""
 
     p50: float
     p99: float
@@ -32,11 +32,14 @@ class SolveSummary:
         outcomes: counts of the targets.
         solve_time: time to answer a target.
         latency: time from the arrival of an accepted target to its command.
+        expected_error: expected position errors of the latest accepted ones [m]; NaN if nobody
+            knows.
     """
 
     outcomes: OutcomeSummary
     solve_time: Percentiles
     latency: Percentiles
+    expected_error: Percentiles
 
 
 class SolveStatistics:
@@ -52,6 +55,7 @@ class SolveStatistics:
         self._outcomes = OutcomeCounts(now)
         self._solve_times: deque[float] = deque(maxlen=max(1, window))
         self._latencies: deque[float] = deque(maxlen=max(1, window))
+        self._expected_errors: deque[float] = deque(maxlen=max(1, window))
 
     def record(self, result: IkResult, solve_time: float | None = None) -> None:
         """Count one answer and the time that it took [s], if that is one target's."""
@@ -59,6 +63,8 @@ class SolveStatistics:
             self._solve_times.append(solve_time)
         if result.accepted:
             self._outcomes.record_accepted()
+            if not math.isnan(result.expected_position_error):
+                self._expected_errors.append(result.expected_position_error)
         else:
             self._outcomes.record_refused(result.status.value, result.reason)
 
@@ -72,10 +78,11 @@ class SolveStatistics:
             self._outcomes.end_period(now),
             _percentiles(self._solve_times),
             _percentiles(self._latencies),
+            _percentiles(self._expected_errors),
         )
 
 
-def _percentiles(times: deque[float]) -> Percentiles:
-    if not times:
+def _percentiles(values: deque[float]) -> Percentiles:
+    if not values:
         return Percentiles(math.nan, math.nan, math.nan)
-    return Percentiles(*np.percentile(times, [50, 99, 100]).tolist())
+    return Percentiles(*np.percentile(values, [50, 99, 100]).tolist())

@@ -1,4 +1,4 @@
-"""How far the robot is from where it was sent, and the arithmetic of the fake robot."""
+"""How far the robot is from where it was sent."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from annik_core.pose import FloatArray, single_pose_difference
-from annik_core.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,12 +21,6 @@ class TrackingError:
 
     position: FloatArray
     orientation: FloatArray
-
-
-def achieved_pose(robot: Robot, joint_positions: FloatArray) -> FloatArray:
-    """Pose ``(7,)`` of the end effector at joint positions ``(dof,)`` [rad or m]."""
-    pose: FloatArray = robot.forward_kinematics.poses(joint_positions[np.newaxis])[0]
-    return pose
 
 
 def tracking_error(target: FloatArray, achieved: FloatArray) -> TrackingError:

@@ -38,6 +38,8 @@ class CommandPublishers:
         """Create the publishers on ``node``."""
         self.options = options
         self._node = node
+        # For bare nanoseconds: to make a Time of them takes longer than to ask for them.
+        self._clock = node.get_clock().handle
         self._robot = robot
         self._stamps = UniqueStamps()
         results = reliable(RESULT_DEPTH)
@@ -68,7 +70,8 @@ class CommandPublishers:
             return
         self._last = result.joint_positions
         stamp = self._publish_command(result.joint_positions)
-        self._target_publisher.publish(self._target.filled(stamp, result.target))
+        if self._target_publisher.get_subscription_count():
+            self._target_publisher.publish(self._target.filled(stamp, result.target))
 
     def publish_path(self, joint_positions: FloatArray) -> None:
         """Publish a whole path ``(n, dof)`` as a trajectory.
@@ -99,7 +102,7 @@ class CommandPublishers:
 
     def _publish_command(self, joint_positions: FloatArray) -> int:
         """Publish joint positions in all forms that are wanted; returns their stamp [ns]."""
-        stamp = self._stamps.next(self._node.get_clock().now().nanoseconds)
+        stamp = self._stamps.next(self._clock.get_now().nanoseconds)
         self._command_publisher.publish(self._command.filled(stamp, joint_positions))
         if self.options.publish_joint_trajectory:
             self._trajectory_publisher.publish(self._trajectory(joint_positions[np.newaxis]))

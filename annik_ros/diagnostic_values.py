@@ -36,6 +36,8 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "model sha256": "first digits of its SHA-256",
         "robot": "its name",
         "mode": "network or refined",
+        "forward kinematics": "as described, or learned from how many measured poses: the "
+        "residuals are by these",
         "solve time p50 [us]": "time to answer a target, the last thousand: median",
         "solve time p99 [us]": "99th percentile",
         "solve time max [us]": "longest",
@@ -43,6 +45,10 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "accepted: median",
         "latency p99 [us]": "99th percentile",
         "latency max [us]": "longest",
+        "expected error p50 [mm]": "of a learned model: expected position errors of the last "
+        "thousand accepted: median",
+        "expected error p99 [mm]": "99th percentile",
+        "expected error max [mm]": "greatest",
         **_of("target", _COUNTS),
         "expected target rate [Hz]": "the parameter expected_rate, if it is set",
         **_of("target", _LAST),
@@ -54,8 +60,23 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "targets without command": "that wait for their command",
         "commands without target": "that wait for their target",
         "partners given up": "that waited too long",
+        "measurements published": "on measured_pose",
+        "measurements dropped": "of an imperfect arm, on purpose",
         **_of("command", _COUNTS),
         **_of("command", _LAST),
+    },
+    "example_collector": {
+        "robot": "its name",
+        "robot definition sha256": "first digits of its SHA-256",
+        "phase": "what it is doing",
+        "examples planned": "rows of the plan",
+        "examples measured": "that are in the journal, of this run and of those before",
+        "examples failed": "attempts that failed; each is tried again after all others",
+        "examples skipped": "that can't be gone to inside the workspace box",
+        "measurements repeated": "that were refused and made again",
+        "time left [s]": "at the pace so far; empty before the first example",
+        **_of("pose", _COUNTS),
+        **_of("pose", _LAST),
     },
 }
 

@@ -112,6 +112,14 @@ def time_values(summary: SolveSummary) -> dict[str, str]:
     }
 
 
+def expected_error_values(summary: SolveSummary) -> dict[str, str]:
+    """The expected errors of a summary as diagnostic values; ``nan`` where nobody knows."""
+    return {
+        f"expected error {key} [mm]": f"{1e3 * value:.4f}"
+        for key, value in summary.expected_error._asdict().items()
+    }
+
+
 def diagnostic_array(report: DiagnosticReport, name: str, stamp: Time) -> DiagnosticArray:
     """The message of a report, under the name of its source."""
     status = DiagnosticStatus(

@@ -1,4 +1,7 @@
-"""The node that stands in for a robot: it does what it is told, and measures the error."""
+"""The node that stands in for a robot: it does what it is told, and measures the error.
+
+Where it stands in for an imperfect one, nothing that it publishes or logs says by what.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,14 @@ from sensor_msgs.msg import JointState
 from annik_core.artifact import load_artifact
 from annik_core.errors import AnnikError
 from annik_core.fake_robot import FakeRobot, refusal_reason
+from annik_core.imperfections import Imperfections
 from annik_core.outcome_counts import OutcomeCounts
 from annik_core.pose import FloatArray
 from annik_core.robot import Robot
 from annik_core.robot_library import load_robot
 from annik_core.stamp_pairing import StampPairing
 from annik_core.tracking_error import tracking_error
+from annik_core.unique_stamps import LAST_STAMP
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
 from annik_ros.parameter_table import InvalidParameter
@@ -33,6 +38,7 @@ from msg_tools.topics import (
     ACHIEVED_POSE,
     JOINT_COMMAND,
     JOINT_STATES,
+    MEASURED_POSE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
 )
@@ -54,15 +60,24 @@ class FakeRobotNode(Node):
             AnnikError: if a parameter, the model or the robot can't be used.
         """
         super().__init__(NODE_NAME)
-        robot = _load(declare_parameters(self, FakeRobotParameters))
-        self._fake_robot = FakeRobot(robot)
+        parameters = declare_parameters(self, FakeRobotParameters)
+        robot = _load(parameters)
+        imperfections = parameters.robot_imperfections(robot)
+        self._fake_robot = FakeRobot(robot, imperfections)
+        self._noise = (imperfections or Imperfections.none(robot.dof)).measurement_generator()
         self._counts = OutcomeCounts(time.monotonic())
         self._refused_targets = 0
+        self._measurements_published = self._measurements_dropped = 0
         self._warning = Throttle(WARNING_PERIOD)
         self._pairing: StampPairing[FloatArray, FloatArray] = StampPairing()
         results = reliable(RESULT_DEPTH)
         self._state_publisher = self.create_publisher(JointState, JOINT_STATES.name, results)
         self._pose_publisher = self.create_publisher(PoseStamped, ACHIEVED_POSE.name, results)
+        if parameters.measurement_rate > 0.0:
+            self._measurement_publisher = self.create_publisher(
+                PoseStamped, MEASURED_POSE.name, results
+            )
+            self.create_timer(1.0 / parameters.measurement_rate, self._measure)
         self._position_error_publisher = self.create_publisher(
             Vector3Stamped, POSITION_ERROR.name, results
         )
@@ -73,7 +88,8 @@ class FakeRobotNode(Node):
         self.create_subscription(PoseStamped, ACCEPTED_TARGET.name, self._on_target, results)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
         self.get_logger().info(
-            f"fake robot {robot.name}: {JOINT_COMMAND.name} -> {JOINT_STATES.name}"
+            f"{'fake' if imperfections is None else 'imperfect fake'} robot {robot.name}: "
+            f"{JOINT_COMMAND.name} -> {JOINT_STATES.name}"
         )
 
     def _on_command(self, message: JointState) -> None:
@@ -94,6 +110,22 @@ class FakeRobotNode(Node):
         )
         self._pose_publisher.publish(pose_stamped_to_message(achieved, stamp, robot.base_frame))
         self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
+
+    def _measure(self) -> None:
+        """Publish where joints and end effector are measured to be, with one stamp."""
+        robot = self._fake_robot.robot
+        # A simulated clock may show a time that is too late for any message.
+        stamp = stamp_to_message(min(self.get_clock().now().nanoseconds, LAST_STAMP))
+        # What the encoders show: they are before all that is imperfect.
+        self._state_publisher.publish(
+            joint_state_to_message(robot.joint_names, self._fake_robot.joint_positions, stamp)
+        )
+        pose = self._fake_robot.measure(self._noise)
+        if pose is None:
+            self._measurements_dropped += 1
+            return
+        self._measurement_publisher.publish(pose_stamped_to_message(pose, stamp, robot.base_frame))
+        self._measurements_published += 1
 
     def _on_target(self, message: PoseStamped) -> None:
         try:
@@ -133,6 +165,8 @@ class FakeRobotNode(Node):
             "targets without command": str(waiting_targets),
             "commands without target": str(waiting_commands),
             "partners given up": str(self._pairing.given_up),
+            "measurements published": str(self._measurements_published),
+            "measurements dropped": str(self._measurements_dropped),
         }
         outcomes = self._counts.end_period(time.monotonic())
         return outcome_report("command", outcomes, robot.name, values)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from traceback import format_exception
 from typing import TypeVar
@@ -15,16 +16,17 @@ from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
-from annik_core.artifact import default_model_path, load_artifact, model_path
 from annik_core.errors import AnnikError, ConversionError
 from annik_core.ik_result import IkResult, IkStatus
 from annik_core.ik_server import IkServer
+from annik_core.robot import Robot
 from annik_ros.command_publishers import CommandPublishers
 from annik_ros.declare_parameters import current_parameters, declare_parameters
 from annik_ros.diagnostics import (
     DiagnosticReport,
     DiagnosticsPublisher,
     Level,
+    expected_error_values,
     outcome_report,
     time_values,
 )
@@ -39,7 +41,7 @@ from annik_ros.throttle import Throttle
 from msg_tools.cdr import (
     StampedPoses,
     pose_array_from_bytes,
-    pose_from_bytes,
+    pose_numbers_from_bytes,
     pose_stamped_from_bytes,
 )
 from msg_tools.topics import JOINT_COMMAND, TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES
@@ -61,6 +63,8 @@ class Serving:
         Raises:
             AnnikError: if the model can't be used.
         """
+        from annik_core.artifact import load_artifact
+
         self._node = node
         solver = options.solver(load_artifact(_model_path(options)))
         robot = solver.robot
@@ -108,6 +112,9 @@ class IkNode(ManagedNode):
             AnnikError: if a parameter can't be used, or the model with autostart.
         """
         super().__init__(NODE_NAME)
+        # What reads model files takes a while to load: now that the node is there, the middleware
+        # meets the others meanwhile.
+        import_module("annik_core.artifact")
         self.options = declare_parameters(self, IkNodeParameters)
         self._serving: Serving | None = None
         self._active = False
@@ -189,7 +196,7 @@ class IkNode(ManagedNode):
     def on_target(self, data: bytes) -> None:
         """Answer a plain target."""
         arrival = time.perf_counter()
-        received = self._received(data, pose_from_bytes)
+        received = self._received(data, pose_numbers_from_bytes)
         if received is None:
             return
         serving, pose = received
@@ -309,17 +316,29 @@ class IkNode(ManagedNode):
             "model sha256": artifact.sha256[:12],
             "robot": artifact.robot.name,
             "mode": "refined" if server.solver.refines else "network",
+            "forward kinematics": _kinematics(artifact.robot),
         }
         return outcome_report(
             "target",
             summary.outcomes,
             artifact.robot.name,
-            {**state, **model, **time_values(summary)},
+            {**state, **model, **time_values(summary), **expected_error_values(summary)},
             self.options.expected_rate if self._active else 0.0,
         )
 
 
+def _kinematics(robot: Robot) -> str:
+    """What the residuals are by."""
+    corrections = robot.definition.get("corrections")
+    if corrections is None:
+        return "as described"
+    examples = corrections.get("provenance", {}).get("examples", "?")
+    return f"learned from {examples} measured poses"
+
+
 def _model_path(options: IkNodeParameters) -> Path:
+    from annik_core.artifact import default_model_path, model_path
+
     return model_path(options.model) if options.model else default_model_path()
 
 

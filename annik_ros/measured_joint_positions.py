@@ -44,14 +44,27 @@ class MeasuredJointPositions:
 
         None if there is none, or only such as are too old.
         """
+        newest = self.newest()
+        return None if newest is None else newest[1]
+
+    def newest(self) -> tuple[float, FloatArray] | None:
+        """When the newest message that has all joints came [s, monotonic], and their positions.
+
+        None likewise.
+        """
         oldest = time.monotonic() - self.timeout
         for arrival, data in reversed(self._kept):
             if arrival < oldest:
                 return None
             positions = self._read(data)
             if positions is not None:
-                return positions
+                return arrival, positions
         return None
+
+    @property
+    def topic_name(self) -> str:
+        """The topic that it reads, with the namespace and as it is remapped."""
+        return str(self._subscription.topic_name)
 
     def destroy(self) -> None:
         """Take the subscription off the node."""

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from annik_core.acceptance import AcceptanceLimits
-from annik_core.artifact import ModelArtifact
+from annik_core.collection_settings import CollectionSettings
 from annik_core.command_safety import CommandSafety, FirstCommandRule
+from annik_core.drawn_imperfections import (
+    MAGNITUDES,
+    ImperfectionMagnitudes,
+    drawn_imperfections,
+)
 from annik_core.ik_solver import IkSolver, SolverMode
+from annik_core.imperfections import LARGEST_SEED, Imperfections
+from annik_core.imperfections_file import read_imperfections
 from annik_core.refinement_options import RefinementOptions
+from annik_core.robot import Robot
 from annik_core.target_paths import DIAGONAL_POINTS
-from annik_ros.parameter_table import Parameter, parameter, parameter_table
+from annik_ros.parameter_table import InvalidParameter, Parameter, parameter, parameter_table
 from msg_tools.topics import TOPICS
+
+if TYPE_CHECKING:
+    from annik_core.artifact import ModelArtifact
 
 
 class OnRefusal(Enum):
@@ -98,6 +111,24 @@ class IkNodeParameters:
         "Largest change of any joint from the previous command, and of the first command from the "
         "measured joint positions; an answer beyond it is refused. Infinite: no limit.",
         unit="rad or m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    max_expected_error: float = parameter(
+        AcceptanceLimits.max_expected_error,
+        "Of a model that was learned from measured poses: largest distance by which the robot may "
+        "miss where the model has it, for 95 of 100 poses; an answer beyond it is refused. "
+        "Infinite: no limit.",
+        unit="m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+        read_only=False,
+    )
+    max_expected_orientation_error: float = parameter(
+        AcceptanceLimits.max_expected_orientation_error,
+        "Likewise the angle.",
+        unit="rad",
         minimum=_SMALLEST_LIMIT,
         maximum=math.inf,
         read_only=False,
@@ -246,10 +277,9 @@ class IkNodeParameters:
 
     @property
     def acceptance_limits(self) -> AcceptanceLimits:
-        """The three limits as the solver takes them."""
-        return AcceptanceLimits(
-            self.max_position_residual, self.max_orientation_residual, self.max_joint_step
-        )
+        """The limits as the solver takes them."""
+        names = (entry.name for entry in fields(AcceptanceLimits))
+        return AcceptanceLimits(**{name: getattr(self, name) for name in names})
 
     def solver(self, artifact: ModelArtifact) -> IkSolver:
         """The solver that they describe, for a model."""
@@ -260,6 +290,15 @@ class IkNodeParameters:
             RefinementOptions(self.max_newton_steps, self.refinement_tolerance),
             self.seed_from_previous,
         )
+
+
+def _magnitude(name: str, description: str) -> float:
+    """A parameter for one of :class:`ImperfectionMagnitudes`."""
+    allowed = MAGNITUDES[name]
+    default: float = getattr(ImperfectionMagnitudes, name)
+    return parameter(
+        default, description, unit=allowed.unit, minimum=allowed.lower, maximum=allowed.upper
+    )
 
 
 @dataclass(frozen=True)
@@ -285,6 +324,90 @@ class FakeRobotParameters:
     end_effector_frame: str = parameter(
         "", "Of an arm's URDF: the link whose pose it is; empty: its only tip, or as defined."
     )
+    imperfections: str = parameter(
+        "",
+        "Path of a file with the errors of an imperfect arm, such as config/imperfect_ur5e.yaml; "
+        "empty: see imperfection_seed.",
+    )
+    imperfection_seed: int = parameter(
+        -1,
+        "Draw the errors of an imperfect arm, each evenly up to the magnitudes below, and the "
+        "noise of its measurements. One seed, one arm; -1: a perfect robot.",
+        minimum=-1,
+        maximum=LARGEST_SEED,
+    )
+    joint_zero_error: float = _magnitude(
+        "joint_zero_error", "Largest error of a joint's zero, of those drawn."
+    )
+    link_length_error: float = _magnitude(
+        "link_length_error",
+        "Largest error of a link's length and of a joint's offset along its axis, of those drawn.",
+    )
+    link_twist_error: float = _magnitude(
+        "link_twist_error", "Largest error of a link's twist, of those drawn."
+    )
+    transmission_error: float = _magnitude(
+        "transmission_error",
+        "Largest amplitude of the error that comes again with every turn of a joint, of those "
+        "drawn.",
+    )
+    backlash: float = _magnitude(
+        "backlash", "Largest play between the drive of a joint and the joint, of those drawn."
+    )
+    position_noise: float = _magnitude(
+        "position_noise",
+        "Standard deviation of a measured position along each axis, with imperfection_seed.",
+    )
+    orientation_noise: float = _magnitude(
+        "orientation_noise",
+        "Standard deviation of a measured orientation about each axis, with imperfection_seed.",
+    )
+    dropped_measurements: float = _magnitude(
+        "dropped_measurements",
+        "Probability that a measurement is lost, with imperfection_seed.",
+    )
+    measurement_rate: float = parameter(
+        0.0,
+        "How often to publish measured_pose, as a tracker does, and joint_states with the same "
+        "stamp. 0: never.",
+        unit="Hz",
+        minimum=0.0,
+        maximum=10_000.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that contradict each other.
+
+        Raises:
+            InvalidParameter: naming the one and the other.
+        """
+        if self.imperfection_seed < 0:
+            for name, default in vars(ImperfectionMagnitudes()).items():
+                if getattr(self, name) != default:
+                    raise InvalidParameter(
+                        name, getattr(self, name), f"{default:g} without imperfection_seed"
+                    )
+        elif self.imperfections:
+            raise InvalidParameter(
+                "imperfection_seed",
+                self.imperfection_seed,
+                "-1 beside imperfections, a file that has them",
+            )
+
+    def robot_imperfections(self, robot: Robot) -> Imperfections | None:
+        """What the robot differs in from its description; None: nothing.
+
+        Raises:
+            AnnikError: if the file or the robot can't be used.
+        """
+        if self.imperfections:
+            return read_imperfections(self.imperfections, robot)
+        if self.imperfection_seed < 0:
+            return None
+        magnitudes = ImperfectionMagnitudes(
+            **{name: getattr(self, name) for name in vars(ImperfectionMagnitudes())}
+        )
+        return drawn_imperfections(robot, self.imperfection_seed, magnitudes)
 
 
 @dataclass(frozen=True)
@@ -379,10 +502,200 @@ class BagRecorderParameters:
     )
 
 
+@dataclass(frozen=True)
+class ExampleCollectorParameters:
+    """Parameters of ``example_collector``."""
+
+    plan: str = parameter(
+        "",
+        "Path of the dataset whose joint positions to measure at, as annik design --out writes "
+        "it; must be given.",
+    )
+    dataset: str = parameter(
+        "",
+        "Path of the dataset (.npz) to write; must be given. Beside it is the journal, NAME"
+        ".journal.jsonl, from which a collection that was interrupted goes on.",
+    )
+    command_rate: float = parameter(
+        CollectionSettings.command_rate,
+        "Commands per second, also while the robot is to stand still.",
+        unit="Hz",
+        minimum=1.0,
+        maximum=1000.0,
+    )
+    max_joint_velocity: float = parameter(
+        CollectionSettings.max_joint_velocity,
+        "Speed of the joint that moves furthest; the others arrive at the same time.",
+        unit="rad/s or m/s",
+        minimum=1e-6,
+        maximum=1000.0,
+    )
+    max_joint_acceleration: float = parameter(
+        CollectionSettings.max_joint_acceleration,
+        "How quickly that joint speeds up and slows down.",
+        unit="rad/s^2 or m/s^2",
+        minimum=1e-6,
+        maximum=100_000.0,
+    )
+    max_measured_step: float = parameter(
+        CollectionSettings.max_measured_step,
+        "Largest distance of a measured joint from its command, and from where it was measured "
+        "before; beyond it the node stops, with exit code 1. Infinite: no limit.",
+        unit="rad or m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+    )
+    measurement_timeout: float = parameter(
+        CollectionSettings.measurement_timeout,
+        "Longest silence of joint_states; after it the node stops, with exit code 1.",
+        unit="s",
+        minimum=1e-3,
+        maximum=3600.0,
+    )
+    workspace_box_lower: tuple[float, ...] = parameter(
+        CollectionSettings.workspace_box_lower,
+        "Least x, y, z of the end effector in the base frame, by the forward kinematics, at the "
+        "examples and on the way; an example that can't be gone to inside is skipped.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+    )
+    workspace_box_upper: tuple[float, ...] = parameter(
+        CollectionSettings.workspace_box_upper,
+        "Greatest x, y, z, likewise.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+    )
+    settle_tolerance: float = parameter(
+        CollectionSettings.settle_tolerance,
+        "The robot stands still when no measured joint is further than this from its command, "
+        "or moves more,",
+        unit="rad or m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=1000.0,
+    )
+    settle_time: float = parameter(
+        CollectionSettings.settle_time,
+        "for this long. Longer than measured_pose is late, or poses from before are averaged too.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    settle_timeout: float = parameter(
+        CollectionSettings.settle_timeout,
+        "An example at which the robot does not stand still after this time has failed for now.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    samples: int = parameter(
+        CollectionSettings.samples,
+        "How many measured poses are averaged for an example. A journal keeps to its number.",
+        minimum=1,
+        maximum=100_000,
+    )
+    pose_timeout: float = parameter(
+        CollectionSettings.pose_timeout,
+        "Longest wait for so many.",
+        unit="s",
+        minimum=1e-3,
+        maximum=3600.0,
+    )
+    max_position_spread: float = parameter(
+        CollectionSettings.max_position_spread,
+        "Largest distance of a sample from the mean; beyond it, or if one sample is far from the "
+        "others, it is measured again.",
+        unit="m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+    )
+    max_orientation_spread: float = parameter(
+        CollectionSettings.max_orientation_spread,
+        "Largest angle of a sample from the mean, likewise.",
+        unit="rad",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+    )
+    max_position_deviation: float = parameter(
+        CollectionSettings.max_position_deviation,
+        "Largest distance of the mean from the nominal forward kinematics; beyond it, it is "
+        "measured again.",
+        unit="m",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+    )
+    max_orientation_deviation: float = parameter(
+        CollectionSettings.max_orientation_deviation,
+        "Largest angle of the mean from the nominal forward kinematics, likewise.",
+        unit="rad",
+        minimum=_SMALLEST_LIMIT,
+        maximum=math.inf,
+    )
+    max_repeats: int = parameter(
+        CollectionSettings.max_repeats,
+        "How often an example is measured again before it has failed for now.",
+        minimum=0,
+        maximum=1000,
+    )
+    max_retries: int = parameter(
+        CollectionSettings.max_retries,
+        "How often an example that failed is gone to again, after all others.",
+        minimum=0,
+        maximum=1000,
+    )
+    max_failures_in_a_row: int = parameter(
+        CollectionSettings.max_failures_in_a_row,
+        "After so many the node stops, with exit code 1: something is wrong with the set-up.",
+        minimum=1,
+        maximum=1_000_000,
+    )
+    wait_timeout: float = parameter(
+        60.0,
+        "How long to wait at the start for joint_states, measured_pose and a subscriber of "
+        "joint_command before giving up with exit code 1.",
+        unit="s",
+        minimum=0.0,
+        maximum=math.inf,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what contradicts itself or the other.
+
+        Raises:
+            AnnikError: naming what.
+        """
+        _ = self.settings
+
+    @property
+    def settings(self) -> CollectionSettings:
+        """What the collector is to keep to."""
+        names = (entry.name for entry in fields(CollectionSettings))
+        return CollectionSettings(**{name: getattr(self, name) for name in names})
+
+    @property
+    def paths(self) -> tuple[Path, Path]:
+        """Where the plan is, and where the dataset goes.
+
+        Raises:
+            InvalidParameter: if one is not given, or both are the same.
+        """
+        for name in ("plan", "dataset"):
+            if not getattr(self, name):
+                raise InvalidParameter(name, "", "the path of a file")
+        plan, dataset = Path(self.plan), Path(self.dataset)
+        if dataset.suffix != ".npz":
+            raise InvalidParameter("dataset", self.dataset, "the path of a file that ends in .npz")
+        if plan.resolve() == dataset.resolve():
+            raise InvalidParameter("dataset", self.dataset, "another file than the plan")
+        return plan, dataset
+
+
 #: The parameter table of each node, by the node's name.
 PARAMETER_TABLES: dict[str, tuple[Parameter, ...]] = {
     "ik_node": parameter_table(IkNodeParameters),
     "fake_robot": parameter_table(FakeRobotParameters),
     "target_publisher": parameter_table(TargetPublisherParameters),
     "bag_recorder": parameter_table(BagRecorderParameters),
+    "example_collector": parameter_table(ExampleCollectorParameters),
 }

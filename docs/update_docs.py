@@ -2,7 +2,8 @@
 
 A generated part stands between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``. With ``--check``
 nothing is written; the exit code is 1 if a part that comes from the code is out of date. With
-``--demo FOLDER`` the measured results and the pictures of a demo are taken over too.
+``--demo FOLDER`` the measured results and the pictures of a demo are taken over too, with
+``--learn FOLDER`` those of ``./run learn``.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from annik_core.acceptance import AcceptanceLimits
 from annik_core.ik_result import REFUSALS, IkStatus
@@ -29,7 +31,9 @@ from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent
 README = DOCS.parent / "README.md"
+LEARN = DOCS / "learn_your_robot.md"
 PICTURES = {"errors.png": "tracking_error.png", "path.png": "path.png"}
+LEARN_PICTURES = {"before_and_after.png": "before_and_after.png"}
 
 
 def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
@@ -146,6 +150,34 @@ def demo(results: Mapping[str, object]) -> str:
     return f"{measured}\n\n{machine()}"
 
 
+def learn(results: Mapping[str, object]) -> str:
+    """What ``./run learn`` measured."""
+    fit = _mapping(results["fit"])
+    rows = [
+        ("measured poses", f"{fit['examples']}"),
+        ("learned in, without the network that answers begin at", f"{fit['seconds']:.1f} s"),
+    ]
+    for model in ("nominal", "learned"):
+        driven: Any = results[model]
+        rows += [
+            (
+                f"{model} model: targets sent / answered",
+                f"{driven['targets_sent']} / {driven['targets_answered']}",
+            ),
+            (
+                f"{model} model: position error",
+                f"{driven['position_error_mm']['p50']:.4f} mm median, "
+                f"{driven['position_error_mm']['max']:.4f} mm worst",
+            ),
+            (
+                f"{model} model: orientation error",
+                f"{driven['orientation_error_deg']['p50']:.5f} degrees median, "
+                f"{driven['orientation_error_deg']['max']:.5f} degrees worst",
+            ),
+        ]
+    return f"{table(('measured by `./run learn`', ''), rows)}\n\n{machine()}"
+
+
 def _mapping(value: object) -> Mapping[str, float]:
     assert isinstance(value, Mapping)
     return value
@@ -174,6 +206,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     },
     DOCS / "training.md": {"designs": designs, "phases": phases},
     DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
+    LEARN: {"learn_robot": result("learn_robot")},
     DOCS / "performance.md": {"node_bench": result("node_bench")},
 }
 
@@ -193,6 +226,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--demo", type=Path)
+    parser.add_argument("--learn", type=Path)
     arguments = parser.parse_args()
     stale = []
     for path, parts in PARTS.items():
@@ -200,16 +234,24 @@ def main() -> None:
         updated = text
         for name, content in parts.items():
             updated = with_part(updated, name, content())
-        if path == README and arguments.demo:
-            results = json.loads((arguments.demo / "results.json").read_text(encoding="utf-8"))
-            updated = with_part(updated, "demo", demo(results))
+        for page, folder, name, content_of in (
+            (README, arguments.demo, "demo", demo),
+            (LEARN, arguments.learn, "learn", learn),
+        ):
+            if path == page and folder:
+                results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+                updated = with_part(updated, name, content_of(results))
         if updated != text:
             stale.append(str(path.relative_to(DOCS.parent)))
             if not arguments.check:
                 path.write_text(updated, encoding="utf-8")
-    if arguments.demo and not arguments.check:
-        for source, name in PICTURES.items():
-            shutil.copyfile(arguments.demo / source, DOCS / "images" / name)
+    for folder, pictures in (
+        (arguments.demo, PICTURES),
+        (arguments.learn, LEARN_PICTURES),
+    ):
+        if folder and not arguments.check:
+            for source, name in pictures.items():
+                shutil.copyfile(folder / source, DOCS / "images" / name)
     if arguments.check and stale:
         sys.exit(f"out of date, run ./run docs: {', '.join(stale)}")
 

@@ -19,6 +19,7 @@ from msg_tools.stamp import NANOSECONDS_PER_SECOND, MalformedStamp
 #: Encapsulation header: representation identifier (CDR, big or little endian) and options.
 _HEADER_SIZE = 4
 _BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
+_POSES = {order: struct.Struct(f"{order}7d") for order in _BYTE_ORDERS.values()}
 _POSE_SIZE = 7 * 8
 #: The last bytes may fill up a word.
 _MOST_PADDING = 3
@@ -54,9 +55,19 @@ def pose_from_bytes(data: bytes) -> FloatArray:
     Raises:
         MalformedMessage: if the bytes are not those of a Pose.
     """
+    return np.array(pose_numbers_from_bytes(data))
+
+
+def pose_numbers_from_bytes(data: bytes) -> tuple[float, ...]:
+    """:func:`pose_from_bytes` as a tuple, for who makes an array of it anyway.
+
+    Raises:
+        MalformedMessage: if the bytes are not those of a Pose.
+    """
     order = _byte_order(data, "Pose")
     _check_end(data, _HEADER_SIZE + _POSE_SIZE, "Pose")
-    return np.array(struct.unpack_from(f"{order}7d", data, _HEADER_SIZE))
+    numbers: tuple[float, ...] = _POSES[order].unpack_from(data, _HEADER_SIZE)
+    return numbers
 
 
 def pose_stamped_from_bytes(data: bytes) -> StampedPoses:

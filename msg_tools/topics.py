@@ -45,7 +45,7 @@ TARGET_POSES = Topic(
 JOINT_COMMAND = Topic(
     "joint_command",
     "sensor_msgs/msg/JointState",
-    "ik_node",
+    "ik_node, or example_collector",
     "joint positions that reach the target [rad or m]; stamp: when the target was accepted",
 )
 ACCEPTED_TARGET = Topic(
@@ -73,13 +73,22 @@ JOINT_STATES = Topic(
     "sensor_msgs/msg/JointState",
     "the robot, or fake_robot",
     "measured joint positions [rad or m], which ik_node holds its first command to; fake_robot: "
-    "those that it took up, stamp: its command's",
+    "those that it took up, stamp: its command's, and with measurement_rate also in between, "
+    "stamp: its measured_pose's",
 )
 ACHIEVED_POSE = Topic(
     "achieved_pose",
     "geometry_msgs/msg/PoseStamped",
     "fake_robot",
-    "end-effector pose at those joint positions, by the direct kinematics; stamp: its command's",
+    "end-effector pose at those joint positions, by the direct kinematics or as an imperfect arm "
+    "takes it up; stamp: its command's",
+)
+MEASURED_POSE = Topic(
+    "measured_pose",
+    "geometry_msgs/msg/PoseStamped",
+    "a tracker, or fake_robot",
+    "end-effector pose in the base frame, with noise [m, unit quaternion]; stamp: when it was "
+    "measured",
 )
 POSITION_ERROR = Topic(
     "tracking_error/position",
@@ -96,7 +105,7 @@ ORIENTATION_ERROR = Topic(
 DIAGNOSTICS = Topic(
     "/diagnostics",
     "diagnostic_msgs/msg/DiagnosticArray",
-    "ik_node, fake_robot",
+    "ik_node, fake_robot, example_collector",
     "model, robot, counts by outcome, times; once a second",
 )
 
@@ -110,6 +119,7 @@ TOPICS = (
     POSITION_COMMANDS,
     JOINT_STATES,
     ACHIEVED_POSE,
+    MEASURED_POSE,
     POSITION_ERROR,
     ORIENTATION_ERROR,
     DIAGNOSTICS,

@@ -57,6 +57,7 @@ TIMEOUT = 20.0
 DOMAINS = 102
 READY_LINES = {
     "bag_recorder": "recording ",
+    "example_collector": "measured_pose -> joint_command",
     "ik_node": "target_pose -> joint_command",
     "fake_robot_node": "joint_command -> joint_states",
     "target_publisher": "subscriber(s)",

@@ -16,6 +16,9 @@ from annik_training.measured.errors import MeasuredFitError
 
 #: Into how many regions the box of each joint is divided.
 REGIONS = 3
+#: Length that 95 of 100 vectors of three independent coordinates stay below, in their standard
+#: deviations.
+_NOISE_BOUND = 2.795
 
 
 class NotHeldOut(MeasuredFitError):
@@ -103,17 +106,16 @@ class MeasuredEvaluation:
     regions: tuple[Region, ...]
 
     @property
-    def within_bounds(self) -> tuple[float, float]:
-        """Part of the poses whose distance and angle are within what the model states.
+    def bounds_of_measurements(self) -> FloatArray:
+        """``(n, 2)``: the bounds, widened by the noise of the measurements if it is known."""
+        noise = np.array(self.dataset.measurement_noise or (0.0, 0.0))
+        return np.asarray(np.hypot(self.bounds, _NOISE_BOUND * noise), dtype=np.float64)
 
-        The bounds are the robot's. If the noise of the measurements is known, so much is allowed
-        besides.
-        """
-        noise = self.dataset.measurement_noise or (0.0, 0.0)
+    @property
+    def within_bounds(self) -> tuple[float, float]:
+        """Part of the measured distances and angles that are within these bounds."""
         errors = np.stack([self.after.distances, self.after.angles], axis=1)
-        # 2.8 standard deviations: the 95th percentile of three independent coordinates' length.
-        allowed = np.hypot(self.bounds, 2.8 * np.array(noise))
-        position, orientation = (errors <= allowed).mean(axis=0).tolist()
+        position, orientation = (errors <= self.bounds_of_measurements).mean(axis=0).tolist()
         return position, orientation
 
 

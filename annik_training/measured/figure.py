@@ -9,6 +9,8 @@ import numpy as np
 from annik_training.measured.evaluate_measured import REGIONS, MeasuredEvaluation
 
 _MILLIMETRE = 1e3
+_THIRDS = ("lower", "middle", "upper")
+_MARKERS = "<o>"
 
 
 def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
@@ -26,10 +28,8 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
     ):
         ordered = _MILLIMETRE * np.sort(errors)
         curves.plot(share, ordered, color=style, label=f"{label}: mean {ordered.mean():.3g} mm")
-    bound = _MILLIMETRE * np.sort(evaluation.bounds[:, 0])
-    curves.plot(
-        share, bound, color="tab:blue", linestyle=":", label="stated 95 % bound of the robot"
-    )
+    bound = _MILLIMETRE * np.sort(evaluation.bounds_of_measurements[:, 0])
+    curves.plot(share, bound, color="tab:blue", linestyle=":", label="its stated 95 % bound")
     curves.set_yscale("log")
     curves.set_xlabel("held-out poses [%]")
     curves.set_ylabel("position error [mm]")
@@ -37,29 +37,27 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
     curves.grid(visible=True, which="both", alpha=0.3)
     curves.legend()
     joints = list(dict.fromkeys(region.joint for region in evaluation.regions))
-    height = 0.8 / REGIONS
-    for shade in range(REGIONS):
+    for shade, marker in enumerate(_MARKERS):
         rows = evaluation.regions[shade::REGIONS]
-        places = np.arange(len(joints)) + (shade - (REGIONS - 1) / 2) * height
+        places = np.arange(len(joints)) + 0.2 * (shade - 1)
         for label, colour, values in (
             ("nominal", "tab:red", [region.before for region in rows]),
             ("learned", "tab:blue", [region.after for region in rows]),
         ):
-            regions.barh(
-                places,
+            regions.plot(
                 _MILLIMETRE * np.array(values),
-                height=0.9 * height,
+                places,
+                marker,
                 color=colour,
-                alpha=0.45 + 0.2 * shade,
-                label=label if shade == REGIONS - 1 else None,
+                label=f"{label}, {_THIRDS[shade]} third",
             )
     regions.set_xscale("log")
     regions.set_yticks(range(len(joints)), joints)
     regions.invert_yaxis()
     regions.set_xlabel("mean position error [mm]")
-    regions.set_title("by joint: lower, middle and upper third of its box")
+    regions.set_title("by joint and part of its working box")
     regions.grid(visible=True, axis="x", which="both", alpha=0.3)
-    regions.legend()
+    regions.legend(loc="center")
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=110)
     return content.getvalue()

@@ -7,18 +7,22 @@ changed. A job may have several; the last one counts.
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
-import json
-import os
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from annik_core.errors import DamagedStudyResults, StudyInUse, StudyNotWritable
+from annik_core.checked_lines import CheckedLines, digest
+from annik_core.errors import (
+    CheckedLinesInUse,
+    CheckedLinesNotWritable,
+    DamagedLine,
+    DamagedStudyResults,
+    StudyInUse,
+    StudyNotWritable,
+)
 from annik_core.version import VERSION
 from annik_training.evaluation import ErrorSummary
 from annik_training.jobs.fit_job import FitJob, FitOutcome
@@ -48,17 +52,13 @@ class StudyResults:
             StudyNotWritable: if the file can't be opened.
         """
         self.path = folder / FILE_NAME
+        with _study_errors():
+            self._lines = CheckedLines(self.path)
+        self.was_cut_off = self._lines.was_cut_off
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._file = self.path.open("a+b", buffering=0)
-        except OSError as error:
-            raise StudyNotWritable(self.path, error.strerror or str(error)) from error
-        try:
-            self._lock()
-            self._by_job, self._size = self._read()
-            self.was_cut_off = self._cut_off()
+            self._by_job = self._index()
         except BaseException:
-            self._file.close()
+            self._lines.close()
             raise
 
     def __enter__(self) -> StudyResults:
@@ -71,7 +71,7 @@ class StudyResults:
         traceback: TracebackType | None,
     ) -> None:
         """Close the file, which unlocks it."""
-        self._file.close()
+        self._lines.close()
 
     def outcome(self, job: FitJob) -> FitOutcome | JobFailure | None:
         """What came out of a job, or None if it was not run."""
@@ -100,68 +100,37 @@ class StudyResults:
             line["failure"] = outcome.reason
         else:
             line["outcome"] = asdict(outcome)
-        data = json.dumps({**line, "check": _digest(line)}, allow_nan=False).encode() + b"\n"
-        self._append(data)
-        self._by_job[_key(job)] = (-1, line)
+        with _study_errors():
+            self._lines.append(line)
+        self._by_job[_key(job)] = (len(self._lines.lines), line)
 
     def read_again(self) -> None:
         """Take the outcomes from the file, as if it were opened now."""
-        self._by_job, self._size = self._read()
+        with _study_errors():
+            self._lines.read_again()
+        self._by_job = self._index()
 
-    def _lock(self) -> None:
-        # On the file itself: the lock goes when the process ends, however it ends.
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise StudyInUse(self.path) from error
-        except OSError as error:
-            raise StudyNotWritable(self.path, error.strerror or str(error)) from error
-
-    def _read(self) -> tuple[dict[str, tuple[int, dict[str, Any]]], int]:
-        """Lines by their job, with their numbers, and where the last whole one ends."""
-        self._file.seek(0)
-        data = self._file.read()
-        # What follows the last end of line was being written when the process or machine died.
-        whole = data[: data.rfind(b"\n") + 1]
+    def _index(self) -> dict[str, tuple[int, dict[str, Any]]]:
+        """Lines by their job, with their numbers."""
         by_job = {}
-        for number, text in enumerate(whole.split(b"\n")[:-1], start=1):
-            line = self._line(number, text)
-            by_job[_digest(line["job"])] = (number, line)
-        return by_job, len(whole)
+        for number, line in enumerate(self._lines.lines, start=1):
+            if "job" not in line or not {"outcome", "failure"} & set(line):
+                raise DamagedStudyResults(self.path, number, "it is not of a study")
+            by_job[digest(line["job"])] = (number, line)
+        return by_job
 
-    def _line(self, number: int, text: bytes) -> dict[str, Any]:
-        try:
-            line = json.loads(text)
-            check = line.pop("check")
-            if check == _digest(line) and {"outcome", "failure"} & set(line) and "job" in line:
-                return dict(line)
-        # JSON's and Unicode's faults are ValueErrors; the others are another form.
-        except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
-            pass
-        raise DamagedStudyResults(self.path, number, "it is damaged, or not of annik")
 
-    def _cut_off(self) -> bool:
-        try:
-            if os.fstat(self._file.fileno()).st_size == self._size:
-                return False
-            os.ftruncate(self._file.fileno(), self._size)
-        except OSError as error:
-            raise StudyNotWritable(self.path, error.strerror or str(error)) from error
-        return True
-
-    def _append(self, data: bytes) -> None:
-        descriptor = self._file.fileno()
-        try:
-            written = 0
-            while written < len(data):
-                # A disk that fills up takes a part first.
-                written += os.write(descriptor, data[written:])
-            os.fsync(descriptor)
-        except OSError as error:
-            with suppress(OSError):
-                os.ftruncate(descriptor, self._size)
-            raise StudyNotWritable(self.path, error.strerror or str(error)) from error
-        self._size += len(data)
+@contextmanager
+def _study_errors() -> Iterator[None]:
+    """What is wrong with the file, said with what to do about it."""
+    try:
+        yield
+    except CheckedLinesInUse as error:
+        raise StudyInUse(error.path) from error
+    except DamagedLine as error:
+        raise DamagedStudyResults(error.path, error.line, error.problem) from error
+    except CheckedLinesNotWritable as error:
+        raise StudyNotWritable(error.path, error.reason) from error
 
 
 def _content(job: FitJob) -> dict[str, Any]:
@@ -177,9 +146,4 @@ def _content(job: FitJob) -> dict[str, Any]:
 
 
 def _key(job: FitJob) -> str:
-    return _digest(_content(job))
-
-
-def _digest(content: Mapping[str, Any]) -> str:
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return digest(_content(job))

@@ -39,7 +39,9 @@ class StandInNetwork:
         """As the artifact's."""
         return self.answer(poses)
 
-    def joint_positions_at(self, pose: FloatArray) -> FloatArray:
+    def joint_positions_at(
+        self, pose: FloatArray, angles: tuple[float, float, float] | None = None
+    ) -> FloatArray:
         """As the artifact's."""
         return self.answer(pose[np.newaxis])[0]
 

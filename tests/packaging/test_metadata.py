@@ -46,6 +46,7 @@ def test_there_is_a_script_for_every_node_and_for_the_command_line() -> None:
     assert {script.name for script in SCRIPTS} == {
         "annik",
         "bag_recorder",
+        "example_collector",
         "fake_robot",
         "ik_node",
         "target_publisher",

@@ -161,7 +161,7 @@ def test_all_messages_are_recorded_and_a_signal_closes_the_bag(
     start: Start, tmp_path: Path, signal_number: int
 ) -> None:
     recorder = start_recorder(start, "output:=bag")
-    recorder.wait_for("recording 12 topics to bag")
+    recorder.wait_for("recording 13 topics to bag")
     start_publisher(start, count=100).wait_for(r"^99 ")
     wait_until(lambda: len(recorded_numbers(tmp_path / "bag")) == 100)
     assert recorder.end(signal_number) == 0

@@ -1,0 +1,285 @@
+"""Learn UR5es that are not as described, from few measured poses, and command them.
+
+Writes docs/results/learn_robot.md and docs/images/learn_robot.png. Each robot is a seed of
+:class:`benchmarks.perturbed_ur5e.PerturbedUr5e`, whose kinematics share no code with annik's. The
+poses held out are where that robot really is, without noise, at random joint positions of the
+working box, as far from its faces as the errors of the joints; the joint positions that the
+inverse kinematics answers for them are commanded, and the distance from there to the target is the
+error. The seeds were not used in development.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from annik_core.artifact import ModelArtifact, load_artifact
+from annik_core.dataset import MEASURED, Dataset
+from annik_core.errors import DesignError
+from annik_core.ik_solver import IkSolver
+from annik_core.machine import machine
+from annik_core.pose import FloatArray
+from annik_core.robot_library import load_robot
+from annik_training.compute_dataset import compute_dataset
+from annik_training.designs.registry import DESIGNS, make_design
+from annik_training.fit import fit
+from annik_training.fitting.fit_options import ARM_OPTIONS, FitOptions
+from annik_training.measured.fit_parameters import fit_parameters
+from annik_training.measured.gray_box_model import GrayBoxModel, Part
+from annik_training.measured.learn_robot import LearnedRobot, learn_robot
+from annik_training.measured.observations import Noise, Observations
+from annik_training.train import train
+from benchmarks.perturbed_ur5e import (
+    ORIENTATION_NOISE,
+    POSITION_NOISE,
+    PerturbedUr5e,
+    measured,
+)
+
+ROOT = Path(__file__).parents[1]
+RESULT = ROOT / "docs" / "results" / "learn_robot.md"
+FIGURE = ROOT / "docs" / "images" / "learn_robot.png"
+SEEDS = (90210, 90211, 90212, 90213, 90214)
+HELD_OUT = 1000
+#: Nearer to a face of the working box, a pose may be out of reach of the box [rad].
+_MARGIN = np.radians(1.0)
+#: Part of the examples that are made outliers, and by how much, in the one row with outliers.
+_OUTLIERS, _OUTLIER_POSITION, _OUTLIER_ANGLE = 0.05, 5e-3, 0.02
+SIZES = (20, 30, 50, 102, 200, 500)
+SWEPT = ("thirty_phase", "thirty_phase_plus", "latin_hypercube", "sobol", "identifiability")
+
+_NOMINAL = load_robot("ur5e")
+
+
+def main() -> None:
+    """Measure and write page and figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
+    parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES))
+    arguments = parser.parse_args()
+    lines = [
+        "<!-- Written by ./run bench learn_robot -->",
+        "",
+        f"{len(arguments.seeds)} robots, {HELD_OUT} held-out poses of each, without noise; "
+        f"errors of position [mm]: mean, worst. {machine()}",
+        "",
+        *_table(*_robots(arguments.seeds)),
+        "",
+        "By design of experiments and number of examples: mean error [mm], median of these "
+        "robots; the same parts of the model for all, geometry and joint networks. Examples in "
+        "parentheses where a design can't have just so many.",
+        "",
+    ]
+    sweep = _sweep(arguments.seeds, arguments.sizes)
+    rows = [
+        (
+            design,
+            *(
+                f"{1e3 * error:.4f} ({count})" if count != size else f"{1e3 * error:.4f}"
+                for size, (count, error) in zip(arguments.sizes, points, strict=True)
+            ),
+        )
+        for design, points in sweep.items()
+    ]
+    lines += _table(("design", *map(str, arguments.sizes)), rows)
+    if arguments.seeds == list(SEEDS) and arguments.sizes == list(SIZES):
+        RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        FIGURE.write_bytes(_figure(sweep))
+    print("\n".join(lines))
+
+
+def _robots(seeds: list[int]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The table of what is learned of each robot; the last column is the worst robot."""
+    columns: dict[str, dict[int, str]] = {}
+    for seed in seeds:
+        for name, value in _one_robot(seed).items():
+            columns.setdefault(name, {})[seed] = value
+            print(seed, name, value, flush=True)
+    header = ("learned from", *(f"robot {seed}" for seed in seeds))
+    rows = [(name, *(values[seed] for seed in seeds)) for name, values in columns.items()]
+    return header, rows
+
+
+def _one_robot(seed: int) -> dict[str, str]:
+    robot = PerturbedUr5e(seed)
+    box = _NOMINAL.joint_box
+    rng = np.random.default_rng([seed, HELD_OUT])
+    targets = _poses(
+        *robot.pose(rng.uniform(box.lower + _MARGIN, box.upper - _MARGIN, (HELD_OUT, 6)))
+    )
+    nominal = load_artifact("ur5e")
+    row = {"nothing: the nominal model": _errors(nominal, robot, targets)[0]}
+    main_dataset = _measured_dataset(robot, "sobol", 102, seed)
+    learned = learn_robot(main_dataset)
+    path = ROOT / "build" / "learn_robot" / f"{seed}.onnx"
+    train(compute_dataset(learned.robot, "sobol", 512, 0), path, ARM_OPTIONS)
+    served = load_artifact(path)
+    row["**102 Sobol examples**"], within = _errors(served, robot, targets)
+    row["positions and orientations within the stated 95 % bound [%]"] = within
+    for name, dataset, options in (
+        ("50", _measured_dataset(robot, "sobol", 50, seed), {}),
+        ("30", _measured_dataset(robot, "sobol", 30, seed), {}),
+        (
+            "102, identifiability design",
+            _measured_dataset(robot, "identifiability", 102, seed),
+            {},
+        ),
+        ("102, positions only", main_dataset, {"position_only": True}),
+        (
+            "30, positions only",
+            _measured_dataset(robot, "sobol", 30, seed),
+            {"position_only": True},
+        ),
+        ("102, 5 % of them gross outliers", _with_outliers(main_dataset, seed), {}),
+    ):
+        changed = learn_robot(dataset, **options)
+        row[name] = _errors(_served(served, changed), robot, targets)[0]
+    networks = (
+        ("102, the paper's network alone (6-20-6)", FitOptions(seed=0)),
+        ("102, a network alone, with the nominal slopes", replace(ARM_OPTIONS, seed=0)),
+    )
+    for name, fit_options in networks:
+        network = fit(main_dataset, fit_options).network
+        row[name] = _distances(robot, network.joint_positions(targets), targets)
+    return row
+
+
+def _served(artifact: ModelArtifact, learned: LearnedRobot) -> ModelArtifact:
+    """The same network as a start, for another learned robot."""
+    return replace(artifact, robot=learned.robot)
+
+
+def _poses(positions: FloatArray, rotations: FloatArray) -> FloatArray:
+    quaternions = Rotation.from_matrix(rotations).as_quat(canonical=True)
+    return np.concatenate([positions, quaternions], axis=1)
+
+
+def _measured_dataset(robot: PerturbedUr5e, design: str, size: int, seed: int) -> Dataset:
+    joint_positions = make_design(design, _NOMINAL, size, seed)
+    rng = np.random.default_rng([seed, len(joint_positions)])
+    return Dataset(
+        _NOMINAL,
+        joint_positions,
+        _poses(*measured(robot, joint_positions, rng)),
+        design,
+        {"size": size},
+        seed,
+        MEASURED,
+        (POSITION_NOISE, ORIENTATION_NOISE),
+    )
+
+
+def _with_outliers(dataset: Dataset, seed: int) -> Dataset:
+    rng = np.random.default_rng([seed, 5])
+    rows = rng.choice(len(dataset), int(_OUTLIERS * len(dataset)), replace=False)
+    poses = dataset.poses.copy()
+    poses[rows, :3] += rng.normal(0.0, _OUTLIER_POSITION, (len(rows), 3))
+    turns = Rotation.from_rotvec(rng.normal(0.0, _OUTLIER_ANGLE, (len(rows), 3)))
+    poses[rows, 3:] = (Rotation.from_quat(poses[rows, 3:]) * turns).as_quat(canonical=True)
+    return replace(dataset, poses=poses)
+
+
+def _errors(artifact: ModelArtifact, robot: PerturbedUr5e, targets: FloatArray) -> tuple[str, str]:
+    """Errors of the commanded robot, and the part of the poses within the stated bounds."""
+    solver = IkSolver(artifact)
+    results = [solver.solve(target) for target in targets]
+    answered = [result.joint_positions is not None for result in results]
+    commands = np.array(
+        [result.joint_positions for result in results if result.joint_positions is not None]
+    )
+    reached, turned = robot.pose(commands)
+    wanted = targets[answered]
+    distances = np.linalg.norm(reached - wanted[:, :3], axis=1)
+    angles = (Rotation.from_quat(wanted[:, 3:]).inv() * Rotation.from_matrix(turned)).magnitude()
+    missing = len(targets) - len(commands)
+    text = _mean_and_worst(distances) + (f" ({missing} refused)" if missing else "")
+    bound = artifact.robot.error_bound
+    if bound is None:
+        return text, ""
+    bounds = np.array([bound.at(command) for command in commands])
+    within = 100 * (np.stack([distances, angles], axis=1) <= bounds).mean(axis=0)
+    return text, f"{within[0]:.1f}, {within[1]:.1f}"
+
+
+def _distances(robot: PerturbedUr5e, commands: FloatArray, targets: FloatArray) -> str:
+    reached, _ = robot.pose(commands)
+    return _mean_and_worst(np.linalg.norm(reached - targets[:, :3], axis=1))
+
+
+def _mean_and_worst(distances: FloatArray) -> str:
+    return f"{1e3 * distances.mean():.4f}, {1e3 * distances.max():.4f}"
+
+
+def _sweep(seeds: list[int], sizes: list[int]) -> dict[str, list[tuple[int, float]]]:
+    """Number of examples and mean error by design and wanted number."""
+    model = GrayBoxModel(_NOMINAL, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
+    noise = Noise(POSITION_NOISE, ORIENTATION_NOISE)
+    swept: dict[str, list[tuple[int, float]]] = {}
+    for design in SWEPT:
+        for size in sizes:
+            chosen = _size_of(design, size)
+            errors = []
+            for seed in seeds:
+                robot = PerturbedUr5e(seed)
+                dataset = _measured_dataset(robot, design, chosen, seed)
+                start = model.start(np.random.default_rng(seed))
+                fitted = fit_parameters(model, Observations.of(dataset), noise, start)
+                held_out = _NOMINAL.joint_box.sample(HELD_OUT, np.random.default_rng([seed, 7]))
+                where, _ = model.positions_and_rotations(fitted.parameters, held_out)
+                errors.append(np.linalg.norm(where - robot.pose(held_out)[0], axis=1).mean())
+            swept.setdefault(design, []).append((len(dataset), float(np.median(errors))))
+            print(design, size, swept[design][-1], flush=True)
+    return swept
+
+
+def _size_of(design: str, examples: int) -> int:
+    """The size by which a design comes nearest to so many examples."""
+    if DESIGNS[design].size_option == "examples":
+        return examples
+    counts: dict[int, int] = {}
+    for size in range(1, 40):
+        try:
+            counts[size] = len(make_design(design, _NOMINAL, size, 0))
+        except DesignError:
+            continue
+    return min(counts, key=lambda size: abs(counts[size] - examples))
+
+
+def _table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    lines = [header, ("---",) * len(header), *rows]
+    return ["| " + " | ".join(line) + " |" for line in lines]
+
+
+def _figure(sweep: dict[str, list[tuple[int, float]]]) -> bytes:
+    import io
+
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes: Any = figure.subplots()
+    for design, points in sweep.items():
+        counts, errors = zip(*points, strict=True)
+        axes.plot(counts, 1e3 * np.array(errors), "o-", label=design)
+    axes.axhline(1e3 * POSITION_NOISE, color="grey", linestyle=":", label="noise of a coordinate")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xticks(SIZES, [str(size) for size in SIZES])
+    axes.minorticks_off()
+    axes.set_xlabel("measured poses")
+    axes.set_ylabel("mean position error of the learned UR5e [mm]")
+    axes.grid(visible=True, which="both", alpha=0.3)
+    axes.legend()
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    return content.getvalue()
+
+
+if __name__ == "__main__":
+    main()
