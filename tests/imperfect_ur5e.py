@@ -1,4 +1,4 @@
-"""An oracle for learning from measured poses: a UR5e that is not as its table says, and its tracker.
+"""An oracle for learning from measured poses: a UR5e unlike its table, and a tracker.
 
 Universal Robots' table of Denavit and Hartenberg's parameters, each with an error, in plain NumPy:
 nothing of annik's kinematics, models or corrections is in it. The errors are uniform: joint zeros
@@ -37,7 +37,7 @@ class ImperfectUr5e:
         twists: ``(6,)`` of the links' twists [rad].
         amplitudes: ``(6,)`` of the joints' periodic errors [rad].
         phases: ``(6,)`` of the same [rad].
-        sag: depth of a deflection by the upper arm's and forearm's weight [m].
+        sag: by which the weight of the outstretched arm turns the shoulder [rad].
     """
 
     zeros: np.ndarray
@@ -60,6 +60,8 @@ class ImperfectUr5e:
     def matrices(self, joint_positions: np.ndarray) -> np.ndarray:
         """Poses ``(n, 4, 4)`` of the flange in ``base_link`` for commands ``(n, 6)``."""
         actual = joint_positions + self.amplitudes * np.sin(joint_positions + self.phases)
+        upper, fore = joint_positions[:, 1], joint_positions[:, 1] + joint_positions[:, 2]
+        actual[:, 1] += self.sag * (np.cos(upper) + np.cos(fore))
         # The controller's base is base_link, turned by 180 degrees about z.
         pose = np.tile(np.diag([-1.0, -1.0, 1.0, 1.0]), (len(actual), 1, 1))
         for joint in range(6):
@@ -77,9 +79,6 @@ class ImperfectUr5e:
                 (zero, zero, zero, one),
             )
             pose = pose @ np.moveaxis(np.array(rows), 2, 0)
-        # The farther the arm reaches out, the lower; more so, the more the forearm is bent.
-        first, second = joint_positions[:, 1], joint_positions[:, 2]
-        pose[:, 2, 3] -= self.sag * np.cos(first) * (0.5 + np.cos(first + second) ** 2)
         return pose
 
     def poses(self, joint_positions: np.ndarray) -> np.ndarray:
