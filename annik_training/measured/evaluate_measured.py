@@ -130,7 +130,7 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     Raises:
         NotLearned: if it was not learned from measured poses.
         NotHeldOut: if it was learned from these.
-        OtherRobotMeasured: if they were measured on a robot with other joints or between other frames.
+        OtherRobotMeasured: if the robot that they were measured on has other joints or frames.
     """
     corrections = robot.definition.get("corrections")
     if corrections is None or robot.error_bound is None:
