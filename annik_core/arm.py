@@ -288,7 +288,7 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
         None if corrections is None else corrections.placements,
     )
     try:
-        workspace = _workspace(kinematics, chain)
+        workspace = _workspace(kinematics, chain, corrections)
     except ValueError as error:
         raise InvalidRobotDefinition(source, f"Pinocchio can't read the chain: {error}") from error
     return Robot(
@@ -377,13 +377,22 @@ def _joint_box(
     return box
 
 
-def _workspace(kinematics: ArmKinematics, chain: SerialChain) -> ArmWorkspace:
+def _workspace(
+    kinematics: ArmKinematics, chain: SerialChain, corrections: ArmCorrections | None
+) -> ArmWorkspace:
     origins = kinematics.joint_origins
+    beyond, shift = np.zeros(len(chain.joint_names)), 0.0
+    if corrections is not None and corrections.joint_networks is not None:
+        beyond = corrections.joint_networks.largest
+    if corrections is not None and corrections.pose_network is not None:
+        shift = corrections.pose_network.largest_shift
     strokes = [
-        max(abs(lower), abs(upper))
-        for kind, lower, upper in zip(chain.joint_types, chain.lower, chain.upper, strict=True)
+        max(abs(lower), abs(upper)) + more
+        for kind, lower, upper, more in zip(
+            chain.joint_types, chain.lower, chain.upper, beyond.tolist(), strict=True
+        )
         if kind == "prismatic"
     ]
     # The distances between successive origins are fixed, but for the strokes of prismatic joints.
-    reach = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum()) + sum(strokes)
+    reach = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum()) + sum(strokes) + shift
     return ArmWorkspace(origins[0], reach * (1.0 + 1e-9) + 1e-9)

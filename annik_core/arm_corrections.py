@@ -82,7 +82,9 @@ class ArmCorrections:
             )
             if data.get(name) is not None
         }
-        provenance = data.get("provenance") or {}
+        provenance = data.get("provenance")
+        if provenance is None:
+            provenance = {}
         if not isinstance(provenance, Mapping):
             raise InvalidRobotDefinition(source, "corrections.provenance is not a mapping")
         placements.flags.writeable = False

@@ -93,6 +93,11 @@ class Dataset:
         """SHA-256 over the provenance and the bytes of both arrays."""
         return _content_hash(self.provenance, self.joint_positions, self.poses)
 
+    @property
+    def measurements_hash(self) -> str:
+        """SHA-256 over both arrays alone, by whichever description of the robot."""
+        return _content_hash({}, self.joint_positions, self.poses)
+
 
 def save_dataset(dataset: Dataset, path: Path) -> None:
     """Write a dataset; an existing file is replaced only by a complete new one.

@@ -57,6 +57,11 @@ class JointNetworks:
         slopes: FloatArray = (inner * (1.0 - self.activations(joint_positions) ** 2)).sum(-1)
         return 1.0 + slopes
 
+    @property
+    def largest(self) -> FloatArray:
+        """``(dof,)`` what no correction exceeds [rad or m]."""
+        return np.asarray(np.abs(self.output_weights).sum(axis=1), dtype=np.float64)
+
     def activations(self, joint_positions: FloatArray) -> FloatArray:
         """The hidden units, ``(..., dof, hidden)``."""
         scaled = (joint_positions - self.centre) / self.half_width
@@ -97,7 +102,7 @@ def checked_arrays(
     """
     if not isinstance(data, Mapping):
         raise InvalidRobotDefinition(source, f"{what} is not a mapping")
-    for name in set(names) ^ set(data):
+    for name in sorted(set(names) ^ set(data), key=str):
         state = "missing" if name in names else "unknown"
         raise InvalidRobotDefinition(source, f"{what}.{name} is {state}")
     arrays = {name: checked_numbers(data[name], f"{what}.{name}", source) for name in names}

@@ -37,6 +37,13 @@ class PoseNetwork:
         motions: FloatArray = self.activations(joint_positions) @ self.output_weights.T
         return motions
 
+    @property
+    def largest_shift(self) -> float:
+        """What no motion shifts the end effector by more than [m]."""
+        largest = np.abs(self.output_weights).sum(axis=1)
+        linear, angular = np.linalg.norm(largest[:3]), np.linalg.norm(largest[3:])
+        return float(linear * (1.0 + 0.5 * angular))
+
     def activations(self, joint_positions: FloatArray) -> FloatArray:
         """The hidden units, ``(n, hidden)``."""
         scaled = (joint_positions - self.centre) / self.half_width

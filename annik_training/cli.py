@@ -299,7 +299,7 @@ def train(
 @_SEED
 @click.option(
     "--examples",
-    type=int,
+    type=click.IntRange(1),
     default=512,
     show_default=True,
     help="Computed examples for the network that the learned robot's answers begin at.",
@@ -332,7 +332,8 @@ def fit(
     dataset = load_dataset(measured)
     if nominal is not None:
         dataset = with_nominal(dataset, _robot_named(nominal))
-    check_writable(out)
+    for path in (out, *([] if summary is None else [summary])):
+        check_writable(path)
     learned = learn_robot(dataset, seed, position_only=position_only)
     print_learned(learned)
     design, _ = _DEFAULT_DESIGNS["arm"]

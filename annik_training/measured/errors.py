@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from annik_core.errors import AnnikError
 
 
@@ -45,14 +48,41 @@ class TooManyOutliers(MeasuredFitError):
         )
 
 
+class UnexplainedMeasurements(MeasuredFitError):
+    """The measured poses are nowhere near those of any model of the robot."""
+
+    def __init__(self, position: float, orientation: float) -> None:
+        self.position = position
+        self.orientation = orientation
+        super().__init__(
+            f"the measured poses are {1e3 * position:.2g} mm and {math.degrees(orientation):.2g} "
+            "degrees from the nearest model of the robot, more than its description can be: check "
+            "that the joint positions and poses belong together, that they are in metres, radians "
+            "and quaternions x, y, z, w, and that the poses are of the end effector frame in the "
+            "base frame"
+        )
+
+
+class ImplausibleErrors(MeasuredFitError):
+    """The robot that the measured poses fit is not the one that is described."""
+
+    def __init__(self, names: Sequence[str], amounts: Sequence[str]) -> None:
+        self.names = tuple(names)
+        listed = "; ".join(f"{name} {amount}" for name, amount in zip(names, amounts, strict=True))
+        super().__init__(
+            f"the poses were measured on another robot, or in another frame: to explain them, "
+            f"this one's description would have to be wrong by {listed}"
+        )
+
+
 class DegenerateExamples(MeasuredFitError):
     """The examples don't say how the robot moves in a part of its working box."""
 
-    def __init__(self, expected: float, nominal: float, joints: tuple[str, ...]) -> None:
+    def __init__(self, expected: str, part: float, joints: tuple[str, ...]) -> None:
         self.joints = joints
         super().__init__(
-            f"after these examples errors of {1e3 * expected:.2g} mm are still to be expected in "
-            f"the working box, {expected / nominal:.0%} of what a robot not measured at all has: "
-            f"measure poses in which {', '.join(joints)} "
-            f"{'is' if len(joints) == 1 else 'are'} moved through the whole box"
+            f"after these examples errors of {expected} are still to be expected in the working "
+            f"box, up to {part:.0%} of what a robot not measured at all has: measure poses in "
+            f"which {', '.join(joints)} {'is' if len(joints) == 1 else 'are'} moved through the "
+            "whole box"
         )

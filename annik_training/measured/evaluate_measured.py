@@ -13,6 +13,7 @@ from annik_core.pose import FloatArray, pose_distance
 from annik_core.robot import Robot
 from annik_core.robot_library import robot_from_definition
 from annik_training.measured.errors import MeasuredFitError
+from annik_training.measured.observations import is_measured_alike
 
 #: Into how many regions the box of each joint is divided.
 REGIONS = 3
@@ -42,7 +43,7 @@ class NotLearned(MeasuredFitError):
 
 
 class OtherRobotMeasured(MeasuredFitError):
-    """The poses were measured on another robot than the model is for."""
+    """The poses were measured on another robot, or between other frames, than the model's."""
 
     def __init__(self, measured: str, model: str) -> None:
         super().__init__(f"the poses were measured on {measured}, the model is for {model}")
@@ -129,17 +130,17 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     Raises:
         NotLearned: if it was not learned from measured poses.
         NotHeldOut: if it was learned from these.
-        OtherRobotMeasured: if they were measured on a robot with another chain.
+        OtherRobotMeasured: if the robot that they were measured on has other joints or frames.
     """
     corrections = robot.definition.get("corrections")
     if corrections is None or robot.error_bound is None:
         raise NotLearned(robot.name)
-    if corrections.get("provenance", {}).get("dataset_hash") == dataset.content_hash:
+    if corrections.get("provenance", {}).get("measurements_hash") == dataset.measurements_hash:
         raise NotHeldOut(len(dataset))
     nominal = robot_from_definition(
         {key: value for key, value in robot.definition.items() if key != "corrections"}, robot.name
     )
-    if dataset.robot.definition.get("urdf") != nominal.definition["urdf"]:
+    if not is_measured_alike(dataset.robot, nominal):
         raise OtherRobotMeasured(dataset.robot.name, robot.name)
     before, after = _errors(nominal, dataset), _errors(robot, dataset)
     bounds = np.array([robot.error_bound.at(row) for row in dataset.joint_positions])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from annik_core.pose import FloatArray
 from annik_training.fitting.levenberg_marquardt import levenberg_marquardt
@@ -53,14 +54,22 @@ class FittedParameters:
         return self.observations.derivatives(evaluated.columns, self.noise)
 
     @cached_property
+    def root(self) -> FloatArray:
+        """``(p, p)`` which turns independent standard normal numbers into draws around the fit.
+
+        By the derivatives themselves, not by their squares: if the noise is small, these span more
+        digits than a number has.
+        """
+        weighted = self.derivatives * np.sqrt(self.observations.weights)[:, None, None]
+        size = self.model.size
+        stacked = np.concatenate([weighted.reshape(-1, size), np.eye(size)])
+        triangular = np.linalg.qr(stacked, mode="r")
+        return np.asarray(solve_triangular(triangular, np.eye(size)), dtype=np.float64)
+
+    @cached_property
     def covariance(self) -> FloatArray:
         """``(p, p)`` of the parameters; 1 where nothing was learned."""
-        derivatives = self.derivatives
-        precision = np.eye(self.model.size)
-        precision += np.einsum(
-            "n,nrp,nrq->pq", self.observations.weights, derivatives, derivatives, optimize=True
-        )
-        return np.asarray(np.linalg.inv(precision), dtype=np.float64)
+        return np.asarray(self.root @ self.root.T, dtype=np.float64)
 
     @cached_property
     def leverages(self) -> FloatArray:

@@ -111,7 +111,7 @@ class GrayBoxModel:
         names = [error.name for error in self.errors]
         if Part.JOINT_NETWORKS in self.parts:
             names += [
-                f"{joint}: correction by its position"
+                correction_name(joint)
                 for joint in self.robot.joint_names
                 for _ in range(3 * JOINT_UNITS)
             ]
@@ -123,6 +123,10 @@ class GrayBoxModel:
     def size(self) -> int:
         """Number of parameters."""
         return len(self.names)
+
+    def amount(self, error: GeometricError, parameter: float) -> float:
+        """How large a geometric error is [rad or m] by its parameter."""
+        return parameter * _unit(error)
 
     def start(self, rng: np.random.Generator) -> FloatArray:
         """Parameters ``(p,)`` to begin a fit at: the nominal robot, its networks at random."""
@@ -162,6 +166,14 @@ class GrayBoxModel:
         if pose is not None:
             columns[:, :, place:] = self._pose_columns(pose, joint_positions, rotations)
         return Evaluated(positions, rotations, columns)
+
+    def correction_slopes(
+        self, parameters: FloatArray, joint_positions: FloatArray, index: int
+    ) -> FloatArray:
+        """``(n, 3 units)`` derivatives of one joint's correction by its network's parameters."""
+        joints, _ = self._split(parameters)
+        assert joints is not None
+        return self._joint_slopes(joints[index], joint_positions[:, index], index)
 
     def corrections(self, parameters: FloatArray) -> ArmCorrections:
         """What a robot definition says of these parameters ``(p,)``."""
@@ -304,6 +316,11 @@ def nominal_kinematics(robot: Robot) -> ArmKinematics:
     if not isinstance(kinematics, ArmKinematics) or kinematics.placements is not None:
         raise UnsupportedRobot(robot.name, robot.kind)
     return kinematics
+
+
+def correction_name(joint: str) -> str:
+    """What the parameters of a joint's network are called."""
+    return f"{joint}: correction by its position"
 
 
 def _unit(error: GeometricError) -> float:

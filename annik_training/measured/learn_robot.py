@@ -20,7 +20,7 @@ from annik_training.measured.cross_validation import predicts_better
 from annik_training.measured.errors import TooFewMeasurements
 from annik_training.measured.fit_parameters import FittedParameters, fit_parameters
 from annik_training.measured.gray_box_model import GrayBoxModel, Part, nominal_kinematics
-from annik_training.measured.observations import Noise, Observations
+from annik_training.measured.observations import Noise, Observations, is_measured_alike
 from annik_training.measured.outliers import find_outliers, stiff_and_flexible
 from annik_training.measured.posterior import (
     check_examples,
@@ -107,6 +107,7 @@ class LearnedRobot:
             "examples": len(self.dataset),
             "outliers": np.flatnonzero(self.outliers).tolist(),
             "dataset_hash": self.dataset.content_hash,
+            "measurements_hash": self.dataset.measurements_hash,
             "position_only": not self.fitted.observations.has_orientation,
             "parts": sorted(part.value for part in self.fitted.model.parts),
             "position_noise": noise.position,
@@ -139,7 +140,10 @@ def learn_robot(dataset: Dataset, seed: int = 0, *, position_only: bool = False)
         UnsupportedRobot: if it is no nominal arm.
         TooFewMeasurements: naming the least number.
         TooManyOutliers: if the poses are not this robot's.
+        UnexplainedMeasurements: likewise.
+        ImplausibleErrors: if they are another robot's.
         DegenerateExamples: naming the joints to move.
+        NonFiniteValue: if a number is none.
     """
     begin = time.perf_counter()
     nominal_kinematics(dataset.robot)
@@ -153,16 +157,17 @@ def with_nominal(dataset: Dataset, nominal: Robot) -> Dataset:
     """The same measured poses, for another description of the robot.
 
     Raises:
-        RobotMismatch: if that has other joints.
+        RobotMismatch: if that has other joints, or other frames that poses are between.
     """
     measured = dataset.robot
-    if nominal.joint_names != measured.joint_names:
-        raise RobotMismatch(
-            "the measured poses",
-            f"{nominal.name} ({', '.join(nominal.joint_names)})",
-            f"{measured.name} ({', '.join(measured.joint_names)})",
-        )
+    if not is_measured_alike(nominal, measured):
+        raise RobotMismatch("the measured poses", _described(nominal), _described(measured))
     return replace(dataset, robot=nominal)
+
+
+def _described(robot: Robot) -> str:
+    frames = f"{robot.base_frame} to {robot.end_effector_frame}"
+    return f"{robot.name} ({', '.join(robot.joint_names)}; {frames})"
 
 
 def _learn(

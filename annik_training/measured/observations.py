@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import Dataset
+from annik_core.errors import NonFiniteValue
 from annik_core.pose import FloatArray
+from annik_core.robot import Robot
+
+
+def is_measured_alike(one: Robot, other: Robot) -> bool:
+    """Whether measured poses of one are of the other too: its joints, and between its frames."""
+    return (one.joint_names, one.base_frame, one.end_effector_frame) == (
+        other.joint_names,
+        other.base_frame,
+        other.end_effector_frame,
+    )
 
 
 @dataclass(frozen=True)
@@ -49,11 +60,25 @@ class Observations:
 
     @classmethod
     def of(cls, dataset: Dataset, *, position_only: bool = False) -> Observations:
-        """All examples of a dataset, with full weight."""
+        """All examples of a dataset, with full weight.
+
+        Raises:
+            NonFiniteValue: naming the first row that is not all numbers.
+        """
+        measured = 3 if position_only else 7
+        for name, array in (
+            ("joint positions", dataset.joint_positions),
+            ("poses", dataset.poses[:, :measured]),
+        ):
+            for row, column in np.argwhere(~np.isfinite(array))[:1]:
+                raise NonFiniteValue(f"row {row} of the {name}", float(array[row, column]))
+        rotations = np.tile(np.eye(3), (len(dataset), 1, 1))
+        if not position_only:
+            rotations = Rotation.from_quat(dataset.poses[:, 3:]).as_matrix()
         return cls(
             dataset.joint_positions,
             dataset.poses[:, :3],
-            Rotation.from_quat(dataset.poses[:, 3:]).as_matrix(),
+            rotations,
             not position_only,
             np.ones(len(dataset)),
         )

@@ -16,6 +16,8 @@ from annik_training.measured.observations import Noise, Observations
 _IMPROBABLE = 1e-9
 #: More outliers than this part of the examples, and nothing can be said of the rest.
 _MOST = 0.3
+#: Least standard deviation that examples are held to [m]: nobody measures better.
+_LEAST_NOISE = 1e-6
 _ROUNDS = 6
 _EVALUATIONS = 25
 
@@ -28,7 +30,8 @@ def find_outliers(
 ) -> NDArray[np.bool_]:
     """Which examples ``(n,)`` don't agree with the others.
 
-    The scale that they are held to is the median of all, so that nobody has to know the noise.
+    The scale that they are held to is the median of all, so that nobody has to know the noise; but
+    where hardly anything is left unexplained, it is what the model can't say, or rounding.
     A fit of the geometry alone, in which a far example counts the less the farther it is, finds
     the gross ones. A fit of the joint networks too, to what is left, finds the others, and takes
     back those that only the simple model could not explain.
@@ -76,7 +79,8 @@ def _squares(fitted: FittedParameters) -> FloatArray:
     rows = fitted.observations.rows
     # What has no weight was left out as it is.
     squares: FloatArray = (fitted.left_out_residuals**2).sum(axis=1)
-    scale = float(np.median(squares)) / float(chi2.median(rows))
+    least = (_LEAST_NOISE / fitted.noise.position) ** 2
+    scale = max(float(np.median(squares)) / float(chi2.median(rows)), least)
     scaled: FloatArray = squares / scale
     return scaled
 

@@ -8,8 +8,13 @@ import numpy as np
 
 from annik_core.error_bound import ErrorBound, quadratic_features
 from annik_core.pose import FloatArray
-from annik_training.measured.errors import DegenerateExamples
+from annik_training.measured.errors import (
+    DegenerateExamples,
+    ImplausibleErrors,
+    UnexplainedMeasurements,
+)
 from annik_training.measured.fit_parameters import FittedParameters
+from annik_training.measured.gray_box_model import GrayBoxModel, Part, correction_name
 from annik_training.measured.observations import Noise
 
 #: Part of the prior's standard deviation that is left of an unidentified parameter.
@@ -17,8 +22,12 @@ _UNIDENTIFIED = 0.5
 #: More than this part of the error that a robot not measured at all is expected to have, and
 #: nothing was learned in a part of the working box.
 _MOST_ERROR = 0.1
-#: Part of the variance that makes a joint one of those to blame.
+#: Part of the variance of a joint's correction that, left unlearned, makes it one to blame.
 _BLAME = 0.2
+#: A geometric error of this many natural units is none, but another robot.
+_IMPLAUSIBLE = 30.0
+#: Random networks, and poses, by which examples are judged.
+_NETWORKS, _CHECKED_POSES = 4, 500
 #: Standard errors by which the noise must exceed that of the measurements to be the robot's.
 _DOUBT = 2.0
 _POSES = 2000
@@ -41,29 +50,92 @@ def unidentified_parameters(fitted: FittedParameters) -> tuple[str, ...]:
 
 
 def check_examples(fitted: FittedParameters, rng: np.random.Generator) -> None:
-    """Refuse examples that leave a part of the working box unknown.
+    """Refuse examples that leave a part of the working box unknown, or are not this robot's.
+
+    What they tell is judged by all geometric errors and the joint networks, whether the fit uses
+    them or not, and by networks drawn at random: where nothing was learned, the fitted ones say
+    nothing, as if that were known.
 
     Raises:
+        UnexplainedMeasurements: if they are nowhere near the fit.
+        ImplausibleErrors: if the fit is no such robot.
         DegenerateExamples: naming the joints to move.
     """
-    derivatives = _position_derivatives(fitted, rng)
-    left = np.einsum("nip,pq,niq->n", derivatives, fitted.covariance, derivatives, optimize=True)
-    nominal = (derivatives**2).sum(axis=(1, 2))
+    model = GrayBoxModel(fitted.model.robot, frozenset(Part) - {Part.POSE_NETWORK})
+    joint_positions = model.robot.joint_box.sample(_CHECKED_POSES, rng)
+    joints = model.robot.joint_names
+    left, unknown = np.zeros((2, _CHECKED_POSES)), np.zeros((2, _CHECKED_POSES))
+    unlearned_parts = dict.fromkeys(joints, 0.0)
+    for _ in range(_NETWORKS):
+        parameters = model.start(rng)
+        parameters[len(model.errors) :] = rng.normal(size=model.size - len(model.errors))
+        informed = FittedParameters(model, parameters, fitted.observations, fitted.noise)
+        columns = model.evaluate(parameters, joint_positions).columns
+        for index, rows in enumerate((slice(0, 3), slice(3, 6))):
+            of_pose = columns[:, rows]
+            left[index] += ((of_pose @ informed.root) ** 2).sum(axis=(1, 2)) / _NETWORKS
+            unknown[index] += (of_pose**2).sum(axis=(1, 2)) / _NETWORKS
+        for index, joint in enumerate(joints):
+            unlearned_parts[joint] += _unlearned_part(informed, joint_positions, index) / _NETWORKS
     # The worst tenth of the box; the very worst pose would be one out of reach of any design.
-    expected, unlearned = (math.sqrt(np.quantile(part, 0.9)) for part in (left, nominal))
-    if expected <= _MOST_ERROR * unlearned:
+    expected, unlearned = (np.sqrt(np.quantile(part, 0.9, axis=1)) for part in (left, unknown))
+    _check_explained(fitted, unlearned)
+    ratios = (expected / unlearned)[: fitted.observations.rows // 3]
+    if (ratios <= _MOST_ERROR).all():
         return
-    names, joints = fitted.model.names, fitted.model.robot.joint_names
-    shares = {}
-    for joint in joints:
-        of_joint = np.array([name.startswith(f"{joint}:") for name in names])
-        part = derivatives[:, :, of_joint]
-        covariance = fitted.covariance[np.ix_(of_joint, of_joint)]
-        shares[joint] = float(np.einsum("nip,pq,niq->", part, covariance, part, optimize=True))
-    whole = sum(shares.values())
-    worst = max(shares, key=lambda joint: shares[joint])
-    blamed = tuple(joint for joint in joints if joint == worst or shares[joint] >= _BLAME * whole)
-    raise DegenerateExamples(expected, unlearned, blamed)
+    least = min(_BLAME, max(unlearned_parts.values()))
+    blamed = tuple(joint for joint in joints if unlearned_parts[joint] >= least)
+    amount = f"{1e3 * expected[0]:.2g} mm and {math.degrees(expected[1]):.2g} degrees"
+    raise DegenerateExamples(amount, float(ratios.max()), blamed)
+
+
+def _unlearned_part(fitted: FittedParameters, joint_positions: FloatArray, index: int) -> float:
+    """Which part of the variance of a joint's correction the examples leave, 0 to 1.
+
+    But for its mean over the box, which the zero of the joint says as well.
+    """
+    model = fitted.model
+    own = [name == correction_name(model.robot.joint_names[index]) for name in model.names]
+    slopes = model.correction_slopes(fitted.parameters, joint_positions, index)
+    slopes -= slopes.mean(axis=0)
+    prior = float((slopes**2).sum())
+    # A joint that is locked has no correction.
+    return float(((slopes @ fitted.root[own]) ** 2).sum()) / prior if prior > 0.0 else 0.0
+
+
+def _check_explained(fitted: FittedParameters, unlearned: FloatArray) -> None:
+    """Refuse a fit that is farther from the examples, or the description, than makes sense.
+
+    Args:
+        fitted: the fit.
+        unlearned: distance [m] and angle [rad] that a robot not measured at all is off.
+
+    Raises:
+        UnexplainedMeasurements: likewise.
+        ImplausibleErrors: likewise.
+    """
+    noise, measured = fitted.noise, fitted.observations.rows // 3
+    unexplained = math.sqrt(3.0) * np.array([noise.position, noise.orientation])
+    unexplained[measured:] = 0.0
+    if not (unexplained <= unlearned).all():
+        raise UnexplainedMeasurements(*unexplained.tolist())
+    errors = [
+        (abs(parameter), error, fitted.model.amount(error, parameter))
+        for error, parameter in zip(fitted.model.errors, fitted.parameters.tolist(), strict=False)
+        # The end effector may be another than the description's: a probe, a marker.
+        if error.place < fitted.model.robot.dof
+    ]
+    wrong = sorted((one for one in errors if one[0] > _IMPLAUSIBLE), key=lambda one: -one[0])[:3]
+    if wrong:
+        raise ImplausibleErrors(
+            [error.name for _, error, _ in wrong],
+            [
+                f"{math.degrees(amount):.3g} degrees"
+                if error.is_rotation
+                else f"{1e3 * amount:.3g} mm"
+                for _, error, amount in wrong
+            ],
+        )
 
 
 def error_bound_of(
@@ -82,8 +154,7 @@ def error_bound_of(
     model = fitted.model
     joint_positions = model.robot.joint_box.sample(_POSES, rng)
     columns = model.evaluate(fitted.parameters, joint_positions).columns
-    root = np.linalg.cholesky(fitted.covariance)
-    draws = (columns @ root) @ rng.normal(size=(model.size, _DRAWS))
+    draws = (columns @ fitted.root) @ rng.normal(size=(model.size, _DRAWS))
     draws *= max(1.0, _calibration(fitted))
     features = quadratic_features(_scaled(fitted, joint_positions))
     coefficients = []
@@ -116,9 +187,3 @@ def _scaled(fitted: FittedParameters, joint_positions: FloatArray) -> FloatArray
     centre, half = fitted.model.scale
     scaled: FloatArray = (joint_positions - centre) / half
     return scaled
-
-
-def _position_derivatives(fitted: FittedParameters, rng: np.random.Generator) -> FloatArray:
-    """``(n, 3, p)`` of the position at random poses of the working box."""
-    joint_positions = fitted.model.robot.joint_box.sample(_POSES, rng)
-    return fitted.model.evaluate(fitted.parameters, joint_positions).columns[:, :3]

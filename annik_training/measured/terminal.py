@@ -92,7 +92,10 @@ def print_evaluation(evaluation: MeasuredEvaluation, title: str) -> None:
 
 
 def evaluation_summary(evaluation: MeasuredEvaluation) -> dict[str, Any]:
-    """The same as plain data; distances in metres, angles in radians."""
+    """The same as plain data; distances in metres, angles in radians.
+
+    Of a region without examples the errors are None.
+    """
     position, orientation = evaluation.within_bounds
     return {
         "poses": len(evaluation.dataset),
@@ -107,7 +110,13 @@ def evaluation_summary(evaluation: MeasuredEvaluation) -> dict[str, Any]:
         },
         "positions_within_bound": position,
         "orientations_within_bound": orientation,
-        "regions": [region._asdict() for region in evaluation.regions],
+        "regions": [
+            {
+                **region._asdict(),
+                **({} if region.examples else {"before": None, "after": None}),
+            }
+            for region in evaluation.regions
+        ],
     }
 
 
