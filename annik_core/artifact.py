@@ -168,7 +168,8 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
 
     Args:
         path: the ``.onnx`` file, or the name of a packaged model.
-        expected_robot: if given, the robot that the file must be for.
+        expected_robot: if given, the robot that the file must be for, as described or as learned
+            from measured poses.
 
     Raises:
         ArtifactNotFound: if there is no such file.
@@ -198,11 +199,11 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
         problem = f"damaged ({type(error).__name__}: {_first_line(error)})"
         raise ArtifactNotReadable(file, problem) from error
     robot = artifact.robot
-    if expected_robot is not None and robot.definition_hash != expected_robot.definition_hash:
+    if expected_robot is not None and robot.nominal_hash != expected_robot.nominal_hash:
         raise RobotMismatch(
             f"model {file}",
-            f"{expected_robot.name} ({expected_robot.definition_hash[:12]})",
-            f"{robot.name} ({robot.definition_hash[:12]})",
+            f"{expected_robot.name} ({expected_robot.nominal_hash[:12]})",
+            f"{robot.name} ({robot.nominal_hash[:12]})",
         )
     return artifact
 

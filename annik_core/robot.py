@@ -181,8 +181,22 @@ class Robot:
     @cached_property
     def definition_hash(self) -> str:
         """SHA-256 of the definition, to recognise the robot by: two equal robots, one hash."""
-        text = json.dumps(self.definition, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()
+        return _sha256(self.definition)
+
+    @property
+    def nominal_definition(self) -> Mapping[str, Any]:
+        """The definition without what was learned of the robot."""
+        return {key: entry for key, entry in self.definition.items() if key != "corrections"}
+
+    @cached_property
+    def nominal_hash(self) -> str:
+        """SHA-256 of that: one robot as described, and as learned today and tomorrow, one hash."""
+        return _sha256(self.nominal_definition)
+
+
+def _sha256(definition: Mapping[str, Any]) -> str:
+    text = json.dumps(definition, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def checked_name(value: object, what: str, source: str) -> str:

@@ -137,9 +137,7 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
         raise NotLearned(robot.name)
     if corrections.get("provenance", {}).get("measurements_hash") == dataset.measurements_hash:
         raise NotHeldOut(len(dataset))
-    nominal = robot_from_definition(
-        {key: value for key, value in robot.definition.items() if key != "corrections"}, robot.name
-    )
+    nominal = robot_from_definition(robot.nominal_definition, robot.name)
     if not is_measured_alike(dataset.robot, nominal):
         raise OtherRobotMeasured(dataset.robot.name, robot.name)
     before, after = _errors(nominal, dataset), _errors(robot, dataset)

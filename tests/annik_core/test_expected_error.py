@@ -92,3 +92,9 @@ def test_a_limit_is_positive(name: str, value: float) -> None:
 
 def test_no_limit_accepts_what_nobody_knows() -> None:
     assert expected_error_violation(math.nan, math.nan, AcceptanceLimits()) is None
+
+
+def test_a_learned_robot_has_the_nominal_hash_of_the_one_described(solver: IkSolver) -> None:
+    nominal = load_artifact("ur5e").robot
+    assert solver.robot.definition_hash != nominal.definition_hash
+    assert solver.robot.nominal_hash == nominal.nominal_hash == nominal.definition_hash

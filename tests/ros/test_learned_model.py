@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from learned_model import EXPECTED_ERROR, write_learned_model
 
+from annik_core.robot_library import load_robot
+
 
 def test_it_says_what_it_is_and_refuses_what_it_is_not_sure_of(
     launch: Callable[..., Any], client: Any, tmp_path: Path
@@ -39,3 +41,25 @@ def test_it_says_what_it_is_and_refuses_what_it_is_not_sure_of(
     assert values["refused: expected error too large"] == "1"
     assert "expected error 0.133" in values["last refusal"]
     assert len(client.received["joint_command"]) == before
+
+
+def test_a_robot_that_was_learned_anew_is_the_same_robot(
+    launch: Callable[..., Any], client: Any, tmp_path: Path
+) -> None:
+    """A learned model takes the place of the nominal one, and the other way round, by a reload."""
+    model = tmp_path / "learned.onnx"
+    robot = write_learned_model(model)
+    launch("ik_node", "-p", "model:=ur5e", "-p", "queue_depth:=100")
+    nominal = load_robot("ur5e")
+    target = nominal.forward_kinematics.poses(nominal.joint_box.centre[np.newaxis])[0]
+    client.connect(target)
+    for path, expected in ((model, robot), ("ur5e", nominal)):
+        assert client.set_parameter("ik_node", "model", str(path)).successful
+        response = client.call("ik_node/reload_model")
+        assert response.success, response.message
+        target[0] += 1e-4
+        client.send(target)
+        client.wait_for_results(target, ["joint_command"])
+        command = np.array([client.received["joint_command"][-1].position])
+        reached = expected.forward_kinematics.poses(command)[0]
+        assert np.linalg.norm(reached[:3] - target[:3]) < 1e-6
