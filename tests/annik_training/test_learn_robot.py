@@ -172,7 +172,7 @@ class TestAccuracy:
             parts = (*RIGID_AND_GEARS[1:], frozenset(Part))
             patch.setattr("annik_training.measured.learn_robot.CANDIDATES", parts)
             patch.setattr("annik_training.measured.learn_robot._STARTS", 1)
-            found = learn_robot(measured_ur5e(truth, 60))
+            found = learn_robot(measured_ur5e(truth, 80))
         assert Part.POSE_NETWORK in found.fitted.model.parts
         assert distances(found.robot, truth.poses, 1000).mean() <= 8e-5
 
