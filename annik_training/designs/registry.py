@@ -50,6 +50,7 @@ class Design:
         make: ``(subject, size, rng, **options) -> (n, dof)`` joint positions inside the subject's
             joint box; the same for the same seed. Locked joints stay where they are, and the
             others are moved as if these were all.
+        arms_only: whether it needs the kinematics of an arm.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Design:
     description: str
     options: tuple[str, ...]
     make: Callable[..., FloatArray]
+    arms_only: bool = False
 
     @property
     def size_flag(self) -> str:
@@ -114,12 +116,14 @@ def _identifiability(
     subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any
 ) -> FloatArray:
     """The design for learning a real arm, which needs its kinematics."""
-    from annik_training.designs.identifiability_design import NAME, identifiability_design
+    from annik_training.designs.identifiability_design import identifiability_design
 
-    robot = getattr(subject, "robot", subject)
-    if not isinstance(robot, Robot) or robot.kind != "arm":
-        raise UnsupportedRobotForDesign(NAME, subject.name, "it is no arm")
-    return identifiability_design(robot, size, rng, **options)
+    return identifiability_design(_robot_of(subject), size, rng, **options)
+
+
+def _robot_of(subject: DesignSubject) -> Any:
+    """The robot that a subject is, or is the inverse kinematics of; else the subject."""
+    return getattr(subject, "robot", subject)
 
 
 _STEPS = ("steps", "steps of each sweep (j)", 6)
@@ -194,6 +198,7 @@ DESIGNS: Mapping[str, Design] = {
             "where the errors of a real arm show best, for measuring it: D-optimal",
             (),
             _identifiability,
+            arms_only=True,
         ),
     )
 }
@@ -208,6 +213,21 @@ def find_design(name: str) -> Design:
     if name not in DESIGNS:
         raise UnknownDesign(name, tuple(DESIGNS))
     return DESIGNS[name]
+
+
+def check_subject(name: str, subject: DesignSubject) -> None:
+    """Refuse what no design of this name can be made for, whatever the size.
+
+    Raises:
+        UnknownDesign: lists the known ones.
+        UnsupportedRobotForDesign: saying why.
+    """
+    design = find_design(name)
+    if len(subject.joint_box.free) == 0:
+        raise UnsupportedRobotForDesign(name, subject.name, "all its joints are locked")
+    robot = _robot_of(subject)
+    if design.arms_only and not (isinstance(robot, Robot) and robot.kind == "arm"):
+        raise UnsupportedRobotForDesign(name, subject.name, "it is no arm with a URDF")
 
 
 def make_design(
@@ -239,8 +259,7 @@ def make_design(
             f"{', '.join((design.size_option, *design.options))}"
         )
     box = subject.joint_box
-    if len(box.free) == 0:
-        raise UnsupportedRobotForDesign(name, subject.name, "all its joints are locked")
+    check_subject(name, subject)
     rows = design.make(subject, size, np.random.default_rng(seed), **given)
     # Rounding must not leave the box.
     return np.clip(rows, box.lower, box.upper)

@@ -31,8 +31,9 @@ _COLOURS: Final = (
     "#D55E00",
     "#CC79A7",
     "#777777",
+    "#882255",
 )
-_MARKERS: Final = ("o", "s", "^", "v", "D", "P", "X", "*")
+_MARKERS: Final = ("o", "s", "^", "v", "D", "P", "X", "*", "p")
 _LINES: Final = ("-", "--", "-.", (0, (1, 1.2)))
 _GREY: Final = "#666666"
 _DOTS_PER_INCH: Final = 200

@@ -15,7 +15,7 @@ from annik_core.errors import (
     UnknownRobot,
     UnsupportedRobotForDesign,
 )
-from annik_training.designs.registry import DESIGNS, make_design
+from annik_training.designs.registry import DESIGNS, check_subject, make_design
 from annik_training.fitting.training_options import TRAINING_OPTIONS
 from annik_training.jobs.fit_job import FitJob, one_start
 from annik_training.study.settings import StudySettings
@@ -97,6 +97,7 @@ def nearest_sizes(design: str, system: System, examples: Sequence[int]) -> list[
     Raises:
         UnsupportedRobotForDesign: if the design can't be made for the system.
     """
+    check_subject(design, system)
     if _is_sized_in_examples(design):
         return sorted(examples)
     counts = _counts(design, system, max(examples))

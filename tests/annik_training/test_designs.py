@@ -377,7 +377,9 @@ def expected_count(name: str, free: int, size: int) -> int:
     return size
 
 
-@pytest.mark.parametrize("name", sorted(set(DESIGNS) - {"workspace_grid", "active"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(DESIGNS) - {"workspace_grid", "active", "identifiability"})
+)
 @settings(max_examples=15)
 @given(limits=joint_boxes(), size=st.integers(1, 12), seed=st.integers(0, 2**32))
 def test_every_design_of_joint_positions(
@@ -428,7 +430,7 @@ def test_default_sizes(gantry: Robot) -> None:
     counts = {
         name: len(make_design(name, gantry, design.default_size, 0))
         for name, design in DESIGNS.items()
-        if name != "active"  # it takes its time
+        if name != "active" and not design.arms_only  # it takes its time
     }
     assert counts == {
         "thirty_phase": 179,

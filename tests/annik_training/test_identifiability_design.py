@@ -98,7 +98,9 @@ def test_of_too_few_or_too_many_is_refused(examples: int) -> None:
 
 
 def test_is_for_nominal_arms_only(gantry: Robot) -> None:
-    with pytest.raises(UnsupportedRobotForDesign, match=r"identifiability.*gantry.*it is no arm"):
+    with pytest.raises(
+        UnsupportedRobotForDesign, match=r"identifiability.*gantry.*it is no arm with a URDF"
+    ):
         make_design("identifiability", gantry, 8, 0)
     with pytest.raises(UnsupportedRobot, match="ur5e"):
         make_design("identifiability", corrected(UR5E, identity_corrections(UR5E)), 8, 0)
