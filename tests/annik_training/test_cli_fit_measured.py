@@ -195,9 +195,12 @@ class TestTampering:
         with pytest.raises(InvalidArtifactMetadata, match=problem):
             load_artifact(tmp_path / "tampered.onnx")
 
-    def test_without_corrections_it_is_another_robot(self, made: Made, tmp_path: Path) -> None:
+    def test_as_described_and_as_learned_it_is_one_robot(self, made: Made) -> None:
+        """So that a node takes either in place of the other; but none of another arm."""
+        learned = load_artifact(made.model, expected_robot=UR5E).robot
+        assert learned.nominal_hash == UR5E.definition_hash != learned.definition_hash
         with pytest.raises(RobotMismatch, match="ur5e"):
-            load_artifact(made.model, expected_robot=UR5E)
+            load_artifact(made.model, expected_robot=load_artifact("panda").robot)
 
 
 class TestEvaluate:

@@ -142,6 +142,14 @@ def assert_all_numbers_finite(client: Client) -> None:
             assert np.isfinite(point.positions).all()
 
 
+def wait_for_pairs(client: Client) -> None:
+    """Wait until each accepted target that has arrived has its command, and each command its."""
+    client.wait_until(
+        lambda: set(client.stamps("joint_command")) == set(client.stamps("accepted_target")),
+        "a command for each accepted target, and the other way round",
+    )
+
+
 def assert_every_command_belongs_to_a_target(
     client: Client, targets: Iterable[FloatArray], robot: Robot | None = None
 ) -> None:
@@ -153,10 +161,7 @@ def assert_every_command_belongs_to_a_target(
         robot: the robot of the model that is served; by default the packaged one's.
     """
     robot = robot or gantry_robot()
-    client.wait_until(
-        lambda: set(client.stamps("joint_command")) == set(client.stamps("accepted_target")),
-        "a command for each accepted target, and the other way round",
-    )
+    wait_for_pairs(client)
     assert_all_numbers_finite(client)
     stamps = client.stamps("joint_command")
     assert len(stamps) == len(set(stamps))

@@ -31,6 +31,7 @@ from invariants import (
     good_target,
     listen_to_all_commands,
     path_message,
+    wait_for_pairs,
 )
 from mutations import message_of, mutated
 from ros_processes import DOMAINS, READY_LINES, TIMEOUT, Client, NodeProcess
@@ -160,6 +161,8 @@ class Soak:
         assert robot is None or counts_in(robot[1], "commands").refused == 0
 
     def _check_commands(self) -> None:
+        # Before they are looked at: while it waits, more may arrive.
+        wait_for_pairs(self._client)
         accepted = [
             pose_from_message(message.pose) for message in self._client.received["accepted_target"]
         ]
