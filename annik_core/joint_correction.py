@@ -12,7 +12,6 @@ from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import FloatArray
 from annik_core.robot import checked_numbers
 
-
 #: Numbers beyond it are slips, and what is computed of them overflows.
 _LARGEST = 1e6
 #: Least number that may be divided by.
