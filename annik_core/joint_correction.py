@@ -12,6 +12,11 @@ from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import FloatArray
 from annik_core.robot import checked_numbers
 
+#: Numbers beyond it are slips, and what is computed of them overflows.
+_LARGEST = 1e6
+#: Least number that may be divided by.
+_SMALLEST = 1e-9
+
 
 class JointCorrection(Protocol):
     """Where joints really are, given the positions that were commanded."""
@@ -98,7 +103,7 @@ def checked_arrays(
     """Finite arrays of a mapping that has just these names.
 
     Raises:
-        InvalidRobotDefinition: naming what is missing, unknown or not finite.
+        InvalidRobotDefinition: naming what is missing, unknown, not finite or too large.
     """
     if not isinstance(data, Mapping):
         raise InvalidRobotDefinition(source, f"{what} is not a mapping")
@@ -109,6 +114,8 @@ def checked_arrays(
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise InvalidRobotDefinition(source, f"{what}.{name} is not finite")
+        if np.abs(array).max(initial=0.0) > _LARGEST:
+            raise InvalidRobotDefinition(source, f"{what}.{name} is beyond {_LARGEST:g}")
         array.flags.writeable = False
     return arrays
 
@@ -124,10 +131,12 @@ def check_shape(array: FloatArray, shape: tuple[int, ...], what: str, source: st
 
 
 def check_positive(array: FloatArray, what: str, source: str) -> None:
-    """Refuse zero and less.
+    """Refuse zero and less, and what is as good as zero.
 
     Raises:
         InvalidRobotDefinition: naming the entry.
     """
     if not (array > 0.0).all():
         raise InvalidRobotDefinition(source, f"{what} is not positive")
+    if not (array >= _SMALLEST).all():
+        raise InvalidRobotDefinition(source, f"{what} is below {_SMALLEST:g}")
