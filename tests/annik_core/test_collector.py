@@ -209,6 +209,20 @@ def test_silent_joint_states_stop_everything(make) -> None:
     assert simulation.now - since == pytest.approx(SETTINGS.measurement_timeout, abs=0.03)
 
 
+def test_rare_commands_are_no_silence_of_the_robot(make) -> None:
+    """Though between two of them it is longer than joint states may be silent."""
+    simulation = make(command_rate=1.0, max_joint_velocity=0.05)
+    assert simulation.period > SETTINGS.measurement_timeout
+    simulation.begin()
+    for _ in range(20):
+        simulation.step()
+    assert len(simulation.commands) == 20
+    simulation.measure_joints = lambda joints: None
+    simulation.last = None
+    with pytest.raises(CollectionStopped, match="no joint states"):
+        simulation.step()
+
+
 def test_a_pause_of_the_collector_itself_is_no_silence_of_the_robot(make) -> None:
     simulation = make()
     simulation.begin()
