@@ -390,6 +390,16 @@ def test_a_tracker_in_another_frame_stops_the_collection_with_the_deviation(make
     assert not simulation.collector.journal.examples
 
 
+def test_a_tracker_without_orientations_says_any(make) -> None:
+    """As docs/learn_your_robot.md has it for positions alone."""
+    simulation = make(max_orientation_deviation=math.inf)
+    simulation.begin()
+    simulation.measure_pose = lambda pose: np.array([*pose[:3], 0.0, 0.0, 0.0, 1.0])
+    simulation.run()
+    assert simulation.collector.journal.is_complete
+    assert not messages(simulation).warnings
+
+
 def test_a_robot_that_is_moved_while_it_is_measured_is_measured_again(make) -> None:
     simulation = make()
     simulation.begin()
