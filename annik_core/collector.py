@@ -242,9 +242,7 @@ class Collector:
         # While this process itself was held up, as by a slow disk, nobody was heard and nothing
         # was commanded.
         settings = self._settings
-        longest = max(
-            _LONGEST_STEP / settings.command_rate, 0.25 * settings.measurement_timeout
-        )
+        longest = max(_LONGEST_STEP / settings.command_rate, 0.25 * settings.measurement_timeout)
         self._silence += min(now - self._last_tick, longest)
 
     def _check_silence(self) -> None:

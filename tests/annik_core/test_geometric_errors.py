@@ -145,9 +145,7 @@ def test_nothing_wrong_is_no_motion(source: str) -> None:
 def test_axes_that_are_parallel_but_for_rounding_count_as_parallel(half_turn: str) -> None:
     """Where their lines really come nearest, kilometres away, nothing is to turn about."""
     origin = f'xyz="0 -0.41 0.1" rpy="{half_turn} 0 0"'
-    arm = urdf(
-        "abcd", joint("j1", "a", "b", origin=""), joint("j2", "b", "c", origin=origin), J3
-    )
+    arm = urdf("abcd", joint("j1", "a", "b", origin=""), joint("j2", "b", "c", origin=origin), J3)
     twist, length = (
         next(error for error in errors_of(arm) if error.kind is kind and error.place == 1)
         for kind in (ErrorKind.LINK_TWIST, ErrorKind.LINK_LENGTH)
