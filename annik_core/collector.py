@@ -176,9 +176,10 @@ class Collector:
                 be; or if too many examples fail in a row.
             JournalNotWritable: if an example can't be written down.
         """
+        self._count_silence(now)
         if measured is not None:
             self._watch(measured)
-        self._check_silence(now)
+        self._check_silence()
         if self._visit is not None:
             self._advance(self._visit, now)
         self._last_tick = now
@@ -237,12 +238,15 @@ class Collector:
         if self.phase is Phase.MEASURING:
             visit.joint_positions.append(positions)
 
-    def _check_silence(self, now: float) -> None:
-        timeout = self._settings.measurement_timeout
+    def _count_silence(self, now: float) -> None:
         # While this process itself was held up, as by a slow disk, nobody was heard and nothing
         # was commanded.
-        longest = max(_LONGEST_STEP / self._settings.command_rate, 0.25 * timeout)
+        settings = self._settings
+        longest = max(_LONGEST_STEP / settings.command_rate, 0.25 * settings.measurement_timeout)
         self._silence += min(now - self._last_tick, longest)
+
+    def _check_silence(self) -> None:
+        timeout = self._settings.measurement_timeout
         if self._visit is not None and self._silence > timeout:
             raise CollectionStopped(
                 f"no joint states for {self._silence:.3g} s, more than the measurement_timeout "

@@ -22,8 +22,11 @@ import numpy as np
 from annik_core.arm import ArmKinematics, ScrewChain
 from annik_core.pose import FloatArray
 
-#: Axes this near to parallel or to crossing count as such [rad, m].
-_SMALL = 1e-6
+#: Axes this near to parallel count as such [rad]: the common normal of such axes is far away,
+#: and, where a description rounds its angles as in rpy="3.1416 0 0", anywhere.
+_PARALLEL = 0.02
+#: Axes this near to each other count as crossing [m].
+_CROSSING = 1e-6
 
 
 class ErrorKind(Enum):
@@ -172,13 +175,13 @@ def _common_normal(chain: ScrewChain, number: int) -> tuple[FloatArray, FloatArr
     next_axis = placement[:3, :3] @ _axis(chain, number)[1]
     normal = np.cross(axis, next_axis)
     sine = float(np.linalg.norm(normal))
-    if sine > _SMALL:
+    if sine > _PARALLEL:
         # The point of the axis that is nearest to the next one.
         along = float(np.cross(origin, next_axis) @ normal) / sine**2
         return along * axis, normal / sine
     across = origin - float(origin @ axis) * axis
     distance = float(np.linalg.norm(across))
-    return np.zeros(3), across / distance if distance > _SMALL else _across(axis)[0]
+    return np.zeros(3), across / distance if distance > _CROSSING else _across(axis)[0]
 
 
 def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -63,7 +63,10 @@ class SolveStatistics:
             self._solve_times.append(solve_time)
         if result.accepted:
             self._outcomes.record_accepted()
-            if not math.isnan(result.expected_position_error):
+            if math.isnan(result.expected_position_error):
+                # Another model than before, of which nobody knows.
+                self._expected_errors.clear()
+            else:
                 self._expected_errors.append(result.expected_position_error)
         else:
             self._outcomes.record_refused(result.status.value, result.reason)

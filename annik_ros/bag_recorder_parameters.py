@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from annik_ros.parameter_table import parameter
 from msg_tools.topics import TOPICS
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
 
     Args:
         node: where to declare them.
-        parameters: a dataclass from :mod:`annik_ros.parameters`.
+        parameters: a dataclass such as :class:`annik_ros.ik_node_parameters.IkNodeParameters`.
 
     Returns:
         The values given on the command line or in a file, the defaults for the rest.

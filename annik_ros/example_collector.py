@@ -183,9 +183,11 @@ class ExampleCollector(Node):
             self._ready_since = now
         if measured is None or now - self._ready_since < MEETING_TIME:
             return
-        if self.count_publishers(JOINT_COMMAND.name) > 1:
+        # By its name after remapping, which is not done to the name that is asked for.
+        topic = self._publisher.topic_name
+        if self.count_publishers(topic) > 1:
             self.get_logger().warning(
-                f"others publish {JOINT_COMMAND.name} too, or did a moment ago: end them, such "
+                f"others publish {topic} too, or did a moment ago: end them, such "
                 "as an ik_node, or the robot gets two commands at a time"
             )
         self._begin(MeasuredJoints(*measured))

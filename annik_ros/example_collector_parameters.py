@@ -5,13 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from annik_core.collection_settings import CollectionSettings
 from annik_ros.parameter_table import SMALLEST_LIMIT, InvalidParameter, parameter
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

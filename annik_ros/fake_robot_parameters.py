@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from annik_core.drawn_imperfections import (
     MAGNITUDES,
@@ -14,9 +13,6 @@ from annik_core.imperfections import LARGEST_SEED, Imperfections
 from annik_core.imperfections_file import read_imperfections
 from annik_core.robot import Robot
 from annik_ros.parameter_table import InvalidParameter, parameter
-
-if TYPE_CHECKING:
-    pass
 
 
 def _magnitude(name: str, description: str) -> float:

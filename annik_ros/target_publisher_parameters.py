@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from annik_core.target_paths import DIAGONAL_POINTS
 from annik_ros.parameter_table import parameter
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

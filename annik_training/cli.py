@@ -321,7 +321,6 @@ def fit(
     far as the measured poses show it. A node answers with the corrected robot from then on, and
     the residuals that it reports are the corrected model's.
     """
-    from annik_core.dataset import load_dataset
     from annik_training.compute_dataset import compute_dataset
     from annik_training.fitting.fit_options import default_options
     from annik_training.measured.learn_robot import learn_robot, with_nominal
@@ -329,7 +328,7 @@ def fit(
     from annik_training.train import check_writable
     from annik_training.train import train as train_model
 
-    dataset = load_dataset(measured)
+    dataset = _measured_dataset(measured)
     if nominal is not None:
         dataset = with_nominal(dataset, _robot_named(nominal))
     for path in (out, *([] if summary is None else [summary])):
@@ -417,13 +416,12 @@ def _evaluate_measured(
     model: Path, measured: Path, plot: Path | None, summary: Path | None
 ) -> None:
     from annik_core.artifact import load_artifact
-    from annik_core.dataset import load_dataset
     from annik_training.measured.evaluate_measured import evaluate_measured
     from annik_training.measured.figure import before_and_after
     from annik_training.measured.terminal import evaluation_summary, print_evaluation
 
     artifact = load_artifact(model)
-    evaluation = evaluate_measured(artifact.robot, load_dataset(measured))
+    evaluation = evaluate_measured(artifact.robot, _measured_dataset(measured))
     print_evaluation(evaluation, f"{artifact.path}: {artifact.robot.name}")
     if summary is not None:
         _write(summary, json.dumps(evaluation_summary(evaluation), indent=2) + "\n")
@@ -690,6 +688,17 @@ def _refuse_beside_dataset(*names: str) -> None:
     ]
     if given:
         raise ConflictingOptions("--dataset", given)
+
+
+def _measured_dataset(path: Path) -> Dataset:
+    """Poses that were measured; of computed ones a robot would be learned that nobody has."""
+    from annik_core.dataset import COMPUTED, load_dataset
+    from annik_training.measured.errors import NotMeasured
+
+    dataset = load_dataset(path)
+    if dataset.source == COMPUTED:
+        raise NotMeasured(path)
+    return dataset
 
 
 def _robot_named(source: str) -> Robot:

@@ -94,7 +94,7 @@ def main() -> None:
 
 
 def _robots(seeds: list[int]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """The table of what is learned of each robot; the last column is the worst robot."""
+    """The table of what is learned of each robot."""
     columns: dict[str, dict[int, str]] = {}
     for seed in seeds:
         for name, value in _one_robot(seed).items():

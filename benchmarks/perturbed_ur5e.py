@@ -22,7 +22,7 @@ ORIENTATION_NOISE = float(np.radians(0.002))
 
 
 class PerturbedUr5e:
-    """One robot of the kind: errors uniform in plus and minus what the issue of it names."""
+    """One robot of the kind: errors uniform, as docs/learn_your_robot.md lists them."""
 
     def __init__(self, seed: int) -> None:
         """Draw its errors."""

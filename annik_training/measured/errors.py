@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from annik_core.errors import AnnikError
 
@@ -20,6 +21,17 @@ class UnsupportedRobot(MeasuredFitError):
         super().__init__(
             f"{name} ({kind}) can't be learned from measured poses: that takes the nominal "
             "description of an arm, a packaged one or a URDF"
+        )
+
+
+class NotMeasured(MeasuredFitError):
+    """The poses are computed ones, such as those of a plan."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        super().__init__(
+            f"the poses of {path} were computed, not measured: give the dataset that "
+            "example_collector wrote, not its plan"
         )
 
 

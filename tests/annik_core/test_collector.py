@@ -209,6 +209,20 @@ def test_silent_joint_states_stop_everything(make) -> None:
     assert simulation.now - since == pytest.approx(SETTINGS.measurement_timeout, abs=0.03)
 
 
+def test_rare_commands_are_no_silence_of_the_robot(make) -> None:
+    """Though between two of them it is longer than joint states may be silent."""
+    simulation = make(command_rate=1.0, max_joint_velocity=0.05)
+    assert simulation.period > SETTINGS.measurement_timeout
+    simulation.begin()
+    for _ in range(20):
+        simulation.step()
+    assert len(simulation.commands) == 20
+    simulation.measure_joints = lambda joints: None
+    simulation.last = None
+    with pytest.raises(CollectionStopped, match="no joint states"):
+        simulation.step()
+
+
 def test_a_pause_of_the_collector_itself_is_no_silence_of_the_robot(make) -> None:
     simulation = make()
     simulation.begin()
@@ -374,6 +388,16 @@ def test_a_tracker_in_another_frame_stops_the_collection_with_the_deviation(make
     with pytest.raises(CollectionStopped, match="off the forward kinematics by 100 mm"):
         simulation.run()
     assert not simulation.collector.journal.examples
+
+
+def test_a_tracker_without_orientations_says_any(make) -> None:
+    """As docs/learn_your_robot.md has it for positions alone."""
+    simulation = make(max_orientation_deviation=math.inf)
+    simulation.begin()
+    simulation.measure_pose = lambda pose: np.array([*pose[:3], 0.0, 0.0, 0.0, 1.0])
+    simulation.run()
+    assert simulation.collector.journal.is_complete
+    assert not messages(simulation).warnings
 
 
 def test_a_robot_that_is_moved_while_it_is_measured_is_measured_again(make) -> None:

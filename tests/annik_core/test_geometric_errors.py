@@ -23,6 +23,7 @@ from annik_core.robot_library import load_robot, packaged_robots, robot_from_def
 
 ARMS = tuple(name for name in packaged_robots() if name != "gantry")
 PRISMATIC = urdf("abc", J1, joint("j2", "b", "c", "prismatic", limit='lower="-0.5" upper="0.2"'))
+J3 = joint("j3", "c", "d")
 SKEWED = urdf("abcd", J1, joint("j2", "b", "c"), joint("j3", "c", "d", axis='xyz="0.2 -0.5 0.7"'))
 
 
@@ -138,3 +139,16 @@ def test_nothing_wrong_is_no_motion(source: str) -> None:
     robot, errors = robot_of(source), errors_of(source)
     placements = placements_of(errors, np.zeros(len(errors)), robot.dof)
     assert np.array_equal(placements, [[0, 0, 0, 0, 0, 0, 1]] * (robot.dof + 1))
+
+
+@pytest.mark.parametrize("half_turn", ["3.1416", "3.14159", "3.141592653589793"])
+def test_axes_that_are_parallel_but_for_rounding_count_as_parallel(half_turn: str) -> None:
+    """Where their lines really come nearest, kilometres away, nothing is to turn about."""
+    origin = f'xyz="0 -0.41 0.1" rpy="{half_turn} 0 0"'
+    arm = urdf("abcd", joint("j1", "a", "b", origin=""), joint("j2", "b", "c", origin=origin), J3)
+    twist, length = (
+        next(error for error in errors_of(arm) if error.kind is kind and error.place == 1)
+        for kind in (ErrorKind.LINK_TWIST, ErrorKind.LINK_LENGTH)
+    )
+    assert np.linalg.norm(twist.point) < 1.0
+    assert np.abs(length.direction) == pytest.approx([0.0, 1.0, 0.0], abs=1e-4)

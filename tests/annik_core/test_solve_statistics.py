@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,3 +85,13 @@ def test_received_is_accepted_plus_refused_exactly(statuses: list[IkStatus]) -> 
     assert outcomes.received == len(statuses) == outcomes.accepted + outcomes.refused
     assert sum(outcomes.refused_by_reason.values()) == outcomes.refused
     assert set(outcomes.refused_by_reason) <= {status.value for status in REFUSALS}
+
+
+def test_expected_errors_are_of_the_model_that_answers() -> None:
+    """After a nominal model was loaded in place of a learned one, nobody knows any."""
+    statistics = SolveStatistics(0.0)
+    statistics.record(replace(_result(IkStatus.SUCCESS), expected_position_error=1e-4))
+    statistics.record(_result(IkStatus.JOINT_LIMIT))
+    assert statistics.end_period(1.0).expected_error.p50 == pytest.approx(1e-4)
+    statistics.record(_result(IkStatus.SUCCESS))
+    assert math.isnan(statistics.end_period(2.0).expected_error.p50)

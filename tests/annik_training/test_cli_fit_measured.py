@@ -24,6 +24,8 @@ from annik_core.ik_result import IkStatus
 from annik_core.ik_solver import IkSolver
 from annik_core.robot_library import load_robot
 from annik_training.cli import cli, main
+from annik_training.compute_dataset import compute_dataset
+from annik_training.measured.errors import NotMeasured
 from annik_training.measured.gray_box_model import Part
 
 TRUTH = ImperfectUr5e.drawn(1)
@@ -295,3 +297,16 @@ def test_what_makes_no_sense_is_one_line_and_exit_code_1(
     assert line.startswith("annik: ")
     assert complaint in line
     assert sorted(path.name for path in Path().iterdir()) == before
+
+
+@pytest.mark.parametrize("command", [("fit", "--out", "m.onnx"), ("evaluate", "ur5e")])
+def test_a_plan_is_no_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    """Its poses would make a nominal robot one that was measured, and to next to nothing."""
+    monkeypatch.chdir(tmp_path)
+    save_dataset(compute_dataset(UR5E, "sobol", 20, 0), Path("plan.npz"))
+    result = invoke(*command, "--measured", "plan.npz")
+    assert isinstance(result.exception, NotMeasured)
+    assert "plan.npz were computed, not measured" in str(result.exception)
+    assert not Path("m.onnx").exists()

@@ -352,3 +352,16 @@ def test_poses_of_no_use_are_refused_and_counted_and_all_is_reported_as_document
     }
     assert used.items() <= documented.items()
     assert {"/joint_command", "/joint_states", "/measured_pose"} <= set(used)
+
+
+def test_others_who_command_the_robot_are_warned_of_where_topics_are_remapped_too(
+    launch: Callable[..., Any], client: Any, plan_file: Path, tmp_path: Path
+) -> None:
+    remapped = ("-r", "joint_command:=arm_command")
+    client.node.create_publisher(JointState, "arm_command", 1)
+    robot = {"robot": "ur5e", "imperfection_seed": SEED, "measurement_rate": 200.0}
+    launch("fake_robot_node", *_arguments({**robot, **NOISELESS}), *remapped)
+    given = {"plan": plan_file, "dataset": tmp_path / "measured.npz", **QUICK}
+    collector = launch("example_collector", *_arguments(given), *remapped)
+    assert collector.wait_for_exit(TIMEOUT) == 0, collector.log
+    assert "others publish /arm_command too" in collector.log
