@@ -23,9 +23,11 @@ class CollectionSettings:
         measurement_timeout: longest silence of the joint states [s].
         workspace_box_lower: least x, y, z of the end effector in the base frame [m].
         workspace_box_upper: greatest x, y, z [m].
-        settle_tolerance: how near to its command a joint comes to stand still [rad or m].
+        settle_tolerance: how near to its command a joint comes to rest [rad or m].
+        still_tolerance: how far a joint may move while it is said to stand still [rad or m].
         settle_time: how long it stands still before it is measured [s].
-        settle_timeout: longest wait for that, and for a robot that lags behind [s].
+        settle_timeout: longest wait for that, and for a robot that lags behind [s]; longer than
+            settle_time.
         samples: measured poses that are averaged for an example.
         pose_timeout: longest wait for the samples of one measurement [s].
         max_position_spread: largest distance of a sample from the mean [m].
@@ -51,6 +53,7 @@ class CollectionSettings:
     workspace_box_lower: tuple[float, ...] = CommandSafety.workspace_box_lower
     workspace_box_upper: tuple[float, ...] = CommandSafety.workspace_box_upper
     settle_tolerance: float = 0.005
+    still_tolerance: float = 0.0005
     settle_time: float = 0.5
     settle_timeout: float = 10.0
     samples: int = 10
@@ -80,6 +83,10 @@ class CollectionSettings:
             value = getattr(self, field.name)
             if not isinstance(value, tuple) and not value >= 0:
                 raise InvalidCollectionSetting(field.name, value, "0 or more")
+        if not self.settle_timeout > self.settle_time:
+            raise InvalidCollectionSetting(
+                "settle_timeout", self.settle_timeout, f"more than settle_time, {self.settle_time}"
+            )
         _ = self.command_safety
 
     @property

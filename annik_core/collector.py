@@ -388,7 +388,9 @@ class Collector:
         motion = JointMotion(
             way.waypoints, settings.max_joint_velocity, settings.max_joint_acceleration
         )
-        settling = Settling(target, settings.settle_tolerance, settings.settle_time)
+        settling = Settling(
+            target, settings.settle_tolerance, settings.still_tolerance, settings.settle_time
+        )
         return _Visit(row, target, motion, 0.0, settling, 0.0, [], [])
 
     def _progress(self, row: int, average: PoseAverage, nominal: FloatArray, now: float) -> str:

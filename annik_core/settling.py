@@ -10,17 +10,20 @@ from annik_core.pose import FloatArray
 class Settling:
     """Watches joint positions, until they have been at a target and still for a while."""
 
-    def __init__(self, target: FloatArray, tolerance: float, time: float) -> None:
+    def __init__(
+        self, target: FloatArray, tolerance: float, stillness: float, time: float
+    ) -> None:
         """Begin to watch.
 
         Args:
             target: ``(dof,)`` [rad or m].
-            tolerance: how far from the target each joint may be, and how far it may move while it
-                is said to stand still [rad or m].
+            tolerance: how far from the target each joint may be [rad or m].
+            stillness: how far it may move while it is said to stand still [rad or m].
             time: how long it has to [s].
         """
         self._target = target
         self._tolerance = tolerance
+        self._stillness = stillness
         self._time = time
         self._since: float | None = None
         self._reference = target
@@ -30,7 +33,7 @@ class Settling:
         """Take joint positions ``(dof,)`` measured at ``time`` [s]; whether it has settled."""
         if not self.is_near_target(joint_positions):
             self._since = None
-        elif self._since is None or _distance(joint_positions, self._reference) > self._tolerance:
+        elif self._since is None or _distance(joint_positions, self._reference) > self._stillness:
             self._since, self._reference = time, joint_positions
         self.is_settled = self._since is not None and time - self._since >= self._time
         return self.is_settled

@@ -78,8 +78,15 @@ class ExampleCollectorParameters:
     )
     settle_tolerance: float = parameter(
         CollectionSettings.settle_tolerance,
-        "The robot stands still while no measured joint is further than this from its command, "
-        "or moves by more than this.",
+        "The robot is where it was told to be while no measured joint is further than this from "
+        "its command.",
+        unit="rad or m",
+        minimum=SMALLEST_LIMIT,
+        maximum=1000.0,
+    )
+    still_tolerance: float = parameter(
+        CollectionSettings.still_tolerance,
+        "It stands still while no joint moves by more than this; more than the encoders' noise.",
         unit="rad or m",
         minimum=SMALLEST_LIMIT,
         maximum=1000.0,

@@ -296,7 +296,8 @@ class IkNode(ManagedNode):
             self.get_logger().error(f"reload refused: {response.message}")
         else:
             response.success = True
-            response.message = f"now serving {server.solver.artifact.path}"
+            artifact = server.solver.artifact
+            response.message = f"now serving {artifact.path}, {_kinematics(artifact.robot)}"
             self.get_logger().info(response.message)
         return response
 

@@ -98,6 +98,7 @@ class MeasuredEvaluation:
         after: errors of the learned one.
         bounds: ``(n, 2)`` distance [m] and angle [rad] that the model states for 95 of 100 poses.
         regions: mean errors by joint and part of its box.
+        has_orientation: whether orientations were learned; if not, the angles mean nothing.
     """
 
     dataset: Dataset
@@ -105,6 +106,7 @@ class MeasuredEvaluation:
     after: MeasuredErrors
     bounds: FloatArray
     regions: tuple[Region, ...]
+    has_orientation: bool
 
     @property
     def bounds_of_measurements(self) -> FloatArray:
@@ -135,7 +137,8 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     corrections = robot.definition.get("corrections")
     if corrections is None or robot.error_bound is None:
         raise NotLearned(robot.name)
-    if corrections.get("provenance", {}).get("measurements_hash") == dataset.measurements_hash:
+    provenance = corrections.get("provenance", {})
+    if provenance.get("measurements_hash") == dataset.measurements_hash:
         raise NotHeldOut(len(dataset))
     nominal = robot_from_definition(robot.nominal_definition, robot.name)
     if not is_measured_alike(dataset.robot, nominal):
@@ -143,7 +146,8 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     before, after = _errors(nominal, dataset), _errors(robot, dataset)
     bounds = np.array([robot.error_bound.at(row) for row in dataset.joint_positions])
     regions = tuple(_regions(dataset, before, after))
-    return MeasuredEvaluation(dataset, before, after, bounds, regions)
+    has_orientation = provenance.get("position_only") is not True
+    return MeasuredEvaluation(dataset, before, after, bounds, regions, has_orientation)
 
 
 def _errors(robot: Robot, dataset: Dataset) -> MeasuredErrors:

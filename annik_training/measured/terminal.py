@@ -69,14 +69,19 @@ def print_evaluation(evaluation: MeasuredEvaluation, title: str) -> None:
     table = Table("error", *columns, title=escape(title))
     for model, errors in (("nominal", evaluation.before), ("learned", evaluation.after)):
         table.add_row(escape(f"{model}, position [mm]"), *_percentiles(1e3 * errors.distances))
-        table.add_row(
-            escape(f"{model}, orientation [deg]"), *_percentiles(np.degrees(errors.angles))
-        )
+        if evaluation.has_orientation:
+            table.add_row(
+                escape(f"{model}, orientation [deg]"), *_percentiles(np.degrees(errors.angles))
+            )
     position, orientation = evaluation.within_bounds
     table.caption = (
         f"{len(evaluation.dataset)} held-out poses, noise of the measurements included; within "
-        f"the stated 95 % bounds: {100 * position:.1f} % of the positions, "
-        f"{100 * orientation:.1f} % of the orientations"
+        f"the stated 95 % bounds: {100 * position:.1f} % of the positions"
+        + (
+            f", {100 * orientation:.1f} % of the orientations"
+            if evaluation.has_orientation
+            else "; orientations were not learned"
+        )
     )
     console.print(table)
     regions = Table("joint", "region", "poses", escape("nominal [mm]"), escape("learned [mm]"))
@@ -94,22 +99,24 @@ def print_evaluation(evaluation: MeasuredEvaluation, title: str) -> None:
 def evaluation_summary(evaluation: MeasuredEvaluation) -> dict[str, Any]:
     """The same as plain data; distances in metres, angles in radians.
 
-    Of a region without examples the errors are None.
+    Of a region without examples the errors are None, and so are those of orientations that were
+    not learned.
     """
     position, orientation = evaluation.within_bounds
+    angles = evaluation.has_orientation
     return {
         "poses": len(evaluation.dataset),
         **{
             name: {
                 "mean_position_error": float(errors.distances.mean()),
                 "max_position_error": float(errors.distances.max()),
-                "mean_orientation_error": float(errors.angles.mean()),
-                "max_orientation_error": float(errors.angles.max()),
+                "mean_orientation_error": float(errors.angles.mean()) if angles else None,
+                "max_orientation_error": float(errors.angles.max()) if angles else None,
             }
             for name, errors in (("nominal", evaluation.before), ("learned", evaluation.after))
         },
         "positions_within_bound": position,
-        "orientations_within_bound": orientation,
+        "orientations_within_bound": orientation if angles else None,
         "regions": [
             {
                 **region._asdict(),

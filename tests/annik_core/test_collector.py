@@ -473,8 +473,8 @@ def test_the_time_that_is_left_shrinks(gantry, make) -> None:
 
 
 def test_settling_takes_a_while_of_standing_still_at_the_target() -> None:
-    settling = Settling(np.zeros(2), 0.1, 1.0)
-    near, far, other = np.array([0.05, 0.0]), np.array([0.0, 0.2]), np.array([-0.06, 0.0])
+    settling = Settling(np.zeros(2), 0.1, 0.01, 1.0)
+    near, far, other = np.array([0.05, 0.0]), np.array([0.0, 0.2]), np.array([0.035, 0.0])
     assert not settling.update(0.0, near)
     assert not settling.update(0.9, near)
     assert settling.update(1.0, near)

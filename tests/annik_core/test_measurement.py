@@ -127,6 +127,7 @@ def test_one_sample_of_each_pose_says_nothing_of_the_noise() -> None:
         ("max_joint_velocity", math.nan),
         ("samples", 0),
         ("settle_time", -1.0),
+        ("settle_timeout", 0.5),
         ("pose_timeout", math.nan),
         ("max_retries", -1),
     ],

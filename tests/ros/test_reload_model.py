@@ -29,7 +29,7 @@ def test_a_model_can_be_loaded_again(launch: Callable[..., Any], client: Any, mo
     client.connect(_target(0))
     response = client.call("ik_node/reload_model")
     assert response.success
-    assert response.message == f"now serving {model}"
+    assert response.message == f"now serving {model}, as described"
     client.send(_target(1))
     client.wait_for_results(_target(1), ["joint_command"])
     assert f"now serving {model}" in node.log
