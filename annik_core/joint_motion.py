@@ -34,7 +34,10 @@ class JointMotion:
         """
         self.waypoints = waypoints
         self._lines = [
-            _Line(start, end, max_velocity, max_acceleration) for start, end in pairwise(waypoints)
+            _Line(start, end, max_velocity, max_acceleration)
+            for start, end in pairwise(waypoints)
+            # From a waypoint to the same there is no way.
+            if (start != end).any()
         ]
         self.duration = math.fsum(line.duration for line in self._lines)
 
@@ -67,7 +70,7 @@ class _Line:
             max_velocity / max_acceleration, math.sqrt(self._length / max_acceleration)
         )
         self._velocity = max_acceleration * self._ramp
-        self.duration = self._length / self._velocity + self._ramp if self._length > 0 else 0.0
+        self.duration = self._length / self._velocity + self._ramp
 
     def joint_positions_at(self, time: float) -> FloatArray:
         share = self._travelled(time) / self._length

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from functools import lru_cache
 from itertools import islice
 from typing import Any, TypeVar
@@ -57,13 +58,29 @@ def _outcomes(calls: Iterator[Any], workers: int) -> Generator[Any, None, None]:
     backend, _ = get_active_backend()
     if backend.supports_return_generator:
         parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
-        with closing(parallel(calls)) as outcomes:
+        with _interrupts_deferred():
+            started = parallel(calls)
+        with closing(started) as outcomes:
             yield from outcomes
         return
     # Ray's, for one, gives outcomes only when all calls are done.
     count = _BATCH * joblib.effective_n_jobs(workers)
     while batch := list(islice(calls, count)):
         yield from joblib.Parallel(n_jobs=workers)(batch)
+
+
+@contextmanager
+def _interrupts_deferred() -> Iterator[None]:
+    """Let Ctrl-C wait, and keep it from the processes that are started meanwhile.
+
+    They inherit that, and end with this one. Otherwise a worker that is still loading would print
+    a traceback.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _with_job(
