@@ -159,7 +159,7 @@ class Client:
         self.node = Node("client", context=self.context, namespace=namespace)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        many = QoSProfile(depth=10_000)
+        many = QoSProfile(depth=1000)
         self.target = self.node.create_publisher(Pose, targets, many)
         self.stamped_target = self.node.create_publisher(PoseStamped, "target_pose_stamped", many)
         self.command = self.node.create_publisher(JointState, "joint_command", many)
@@ -180,9 +180,7 @@ class Client:
     def listen(self, topic: str, message_type: type) -> None:
         """Keep what is published on one more topic."""
         messages = self.received.setdefault(topic, [])
-        self.node.create_subscription(
-            message_type, topic, messages.append, QoSProfile(depth=10_000)
-        )
+        self.node.create_subscription(message_type, topic, messages.append, QoSProfile(depth=1000))
 
     def wait_until(
         self, condition: Callable[[], object], what: str, timeout: float = TIMEOUT
