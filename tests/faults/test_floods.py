@@ -81,7 +81,7 @@ def test_a_burst_after_a_silence_is_answered_whole(
         one.wait_until(
             lambda targets=targets: one.stamps_of(targets[-1]), "the last of the burst", 30.0
         )
-    one.wait_until(lambda: len(one.received["accepted_target"]) == 800, "all of the burst")
+    one.wait_until(lambda: len(one.received["accepted_target"]) >= 800, "all of the burst")
     accepted = [message.pose.position.x for message in one.received["accepted_target"]]
     for targets in (first, second):
         expected = [float(target[0]) for target in targets]
