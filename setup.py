@@ -57,8 +57,7 @@ setup(
     ),
     package_data={
         "": ["py.typed"],
-        "annik_training.paper": ["*.jinja"],
-        "msg_tools": ["*.jinja"],
+        "msg_tools.report": ["*.jinja"],
     },
     data_files=data_files(),
     # The libraries read stay with the lowest versions known to work: Ubuntu's ROS 2 Jazzy is built
@@ -107,12 +106,12 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "annik = annik_training.cli:main",
-            "bag_recorder = annik_ros.bag_recorder:main",
-            "example_collector = annik_ros.example_collector:main",
-            "fake_robot = annik_ros.fake_robot_node:main",
-            "ik_node = annik_ros.ik_node:main",
-            "target_publisher = annik_ros.target_publisher:main",
+            "annik = annik_training.cli.commands:main",
+            "bag_recorder = annik_ros.bag_recorder.node:main",
+            "example_collector = annik_ros.example_collector.node:main",
+            "fake_robot = annik_ros.fake_robot.node:main",
+            "ik_node = annik_ros.ik_node.node:main",
+            "target_publisher = annik_ros.target_publisher.node:main",
         ]
     },
     zip_safe=False,

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annik_core.atomic_write import write_files_atomically
 from annik_core.errors import DatasetError, MissingDependency, UnreadableDataset
+from annik_core.files import write_files_atomically
 from annik_core.pose import FloatArray, pose_distance
-from annik_core.robot import Robot, is_numeric
-from annik_core.robot_library import robot_from_definition
+from annik_core.robots.definition import is_numeric
+from annik_core.robots.library import robot_from_definition
+from annik_core.robots.robot import Robot
 
 FORMAT_VERSION = 1
 COMPUTED = "computed by the forward kinematics"

@@ -2,7 +2,7 @@
 
 Exceptions are for faults of set-up (a missing file, a wrong robot, a bad option). What may happen
 in every control cycle, such as a target out of reach, is a value instead:
-see :class:`annik_core.ik_result.IkResult`.
+see :class:`annik_core.solver.result.IkResult`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as GivenParameter
 
 from annik_core.errors import AnnikError
-from annik_ros.parameter_table import Parameter, parameter_table
+from annik_ros.parameters import Parameter, parameter_table
 
 Parameters = TypeVar("Parameters")
 
@@ -26,7 +26,7 @@ def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
 
     Args:
         node: where to declare them.
-        parameters: a dataclass such as :class:`annik_ros.ik_node_parameters.IkNodeParameters`.
+        parameters: a dataclass such as :class:`annik_ros.ik_node.parameters.IkNodeParameters`.
 
     Returns:
         The values given on the command line or in a file, the defaults for the rest.

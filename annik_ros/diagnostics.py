@@ -12,11 +12,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from annik_core.outcome_counts import OutcomeSummary
-from annik_core.solve_statistics import SolveSummary
-from annik_core.unique_stamps import LAST_STAMP
+from annik_core.serving.stamps import LAST_STAMP
+from annik_core.serving.statistics import OutcomeSummary, SolveSummary
 from annik_ros.diagnostic_values import LEAST_RATE, MANY
-from msg_tools.stamp import stamp_to_message
+from msg_tools.conversions.stamp import stamp_to_message
 from msg_tools.topics import DIAGNOSTICS
 
 #: Time between two reports [s].

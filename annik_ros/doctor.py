@@ -12,9 +12,14 @@ from enum import Enum
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
-from annik_core.artifact import default_model_path, load_artifact, model_path, packaged_models
 from annik_core.errors import AnnikError, MissingDependency
-from annik_core.version import VERSION
+from annik_core.installation import VERSION
+from annik_core.model.artifact import (
+    default_model_path,
+    load_artifact,
+    model_path,
+    packaged_models,
+)
 
 #: What the nodes can't do without.
 _LIBRARIES = ("numpy", "scipy", "onnx", "onnxruntime", "mcap", "rosbags")

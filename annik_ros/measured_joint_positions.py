@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray
-from msg_tools.joint_state import joint_positions_from_message
+from msg_tools.conversions.joint_state import joint_positions_from_message
 from msg_tools.topics import JOINT_STATES
 
 #: How many messages to look through: others may publish the states of a gripper in between.

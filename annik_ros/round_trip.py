@@ -9,10 +9,10 @@ from contextlib import closing
 from pathlib import Path
 from statistics import median
 
-from annik_core.artifact import load_artifact
-from annik_ros.node_bench.client import Client, NoAnswer
-from annik_ros.node_bench.nodes import NodeVariant
-from annik_ros.node_bench.targets import pose_to_bytes
+from annik_core.model.artifact import load_artifact
+from benchmarks.node.client import Client, NoAnswer
+from benchmarks.node.nodes import NodeVariant
+from benchmarks.node.targets import pose_to_bytes
 
 #: Longest wait for a command [s]; a loaded machine is slow to start Python.
 TIMEOUT = 20.0

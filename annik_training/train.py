@@ -8,16 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from annik_core.atomic_write import ensure_writable_folder
 from annik_core.dataset import Dataset
 from annik_core.errors import ArtifactNotWritable
-from annik_core.robot import Robot
-from annik_training.compute_dataset import compute_random_dataset
+from annik_core.files import ensure_writable_folder
+from annik_core.robots.robot import Robot
+from annik_training.designs.sampling import compute_random_dataset
 from annik_training.evaluation import Evaluation, evaluate
-from annik_training.export_onnx import export_model
-from annik_training.fit import FittedNetwork, fit
-from annik_training.fitting.fit_network import Restart
-from annik_training.fitting.fit_options import FitOptions
+from annik_training.export import export_model
+from annik_training.fitting.fit import FittedNetwork, Restart, fit
+from annik_training.fitting.options import FitOptions
 
 EVALUATION_POSES = 5000
 
@@ -49,8 +48,8 @@ def train(
         on_restart: told of each start as it ends.
 
     Raises:
-        TooFewExamples: see :func:`annik_training.fit.fit`.
-        ExportMismatch: see :func:`annik_training.export_onnx.export_model`.
+        TooFewExamples: see :func:`annik_training.fitting.fit.fit`.
+        ExportMismatch: see :func:`annik_training.export.export_model`.
         ArtifactNotWritable: likewise.
     """
     check_writable(path)

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from annik_core.ik_solver import IkSolver
 from annik_core.pose import FloatArray
+from annik_core.solver.ik_solver import IkSolver
 
 #: Targets answered before the clock runs: caches and the processor's clock settle.
 _WARM_UP = 500

@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from annik_core.artifact import load_artifact
-from annik_core.machine import machine
-from annik_core.robot_library import load_robot, packaged_robots
-from annik_training.bench.measure_paths import measure_paths
-from annik_training.bench.ours import our_solvers
-from annik_training.bench.robot_problem import robot_problem
-from annik_training.bench.straight_paths import straight_paths
-from annik_training.bench.verification import Verifier
-from annik_training.compute_dataset import compute_dataset, compute_random_dataset
-from annik_training.fitting.fit_options import ARM_OPTIONS
+from annik_core.model.artifact import load_artifact
+from annik_core.robots.library import load_robot, packaged_robots
+from annik_training.designs.sampling import compute_dataset, compute_random_dataset
+from annik_training.fitting.options import ARM_OPTIONS
 from annik_training.train import train
 from benchmarks.answer_targets import PASSES, answers_of
+from benchmarks.conditions import machine
+from benchmarks.ik.annik import our_solvers
+from benchmarks.ik.measure_paths import measure_paths
+from benchmarks.ik.robot_problem import robot_problem
+from benchmarks.ik.straight_paths import straight_paths
+from benchmarks.ik.verification import Verifier
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "docs" / "results" / "arms.md"

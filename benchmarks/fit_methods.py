@@ -21,18 +21,22 @@ from torch import Tensor
 from torch.func import functional_call, jacrev, vmap
 
 from annik_core.dataset import Dataset
-from annik_core.machine import machine
 from annik_core.pose import FloatArray, pose_distance
-from annik_core.robot import Robot
-from annik_core.robot_library import load_robot
+from annik_core.robots.library import load_robot
+from annik_core.robots.robot import Robot
 from annik_core.target_paths import diagonal_path
-from annik_training.compute_dataset import compute_dataset, compute_random_dataset
-from annik_training.fit import dataset_examples
-from annik_training.fitting.fit_network import fit_start, scaled_examples, untrained_network
-from annik_training.fitting.fit_options import FitOptions
-from annik_training.fitting.network import InverseKinematicsNetwork, ScaledNetwork
-from annik_training.fitting.separable_least_squares import ScaledExamples
-from annik_training.systems.inverse_kinematics_system import InverseKinematicsSystem
+from annik_training.designs.sampling import compute_dataset, compute_random_dataset
+from annik_training.fitting.fit import (
+    dataset_examples,
+    fit_start,
+    scaled_examples,
+    untrained_network,
+)
+from annik_training.fitting.options import FitOptions
+from annik_training.fitting.problem import InverseKinematicsSystem
+from annik_training.fitting.variable_projection import ScaledExamples
+from annik_training.networks.network import InverseKinematicsNetwork, ScaledNetwork
+from benchmarks.conditions import machine
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "fit_methods.md"
 SETS = {"Set 1": 3, "Set 2": 6, "Set 3": 15}

@@ -18,28 +18,23 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from annik_core.artifact import ModelArtifact, load_artifact
 from annik_core.dataset import MEASURED, Dataset
 from annik_core.errors import DesignError
-from annik_core.ik_solver import IkSolver
-from annik_core.machine import machine
+from annik_core.model.artifact import ModelArtifact, load_artifact
 from annik_core.pose import FloatArray
-from annik_core.robot_library import load_robot
-from annik_training.compute_dataset import compute_dataset
+from annik_core.robots.library import load_robot
+from annik_core.solver.ik_solver import IkSolver
+from annik_training.calibration.calibrate import LearnedRobot, learn_robot
+from annik_training.calibration.estimation import fit_parameters
+from annik_training.calibration.model import GrayBoxModel, Part
+from annik_training.calibration.observations import Noise, Observations
 from annik_training.designs.registry import DESIGNS, make_design
-from annik_training.fit import fit
-from annik_training.fitting.fit_options import ARM_OPTIONS, FitOptions
-from annik_training.measured.fit_parameters import fit_parameters
-from annik_training.measured.gray_box_model import GrayBoxModel, Part
-from annik_training.measured.learn_robot import LearnedRobot, learn_robot
-from annik_training.measured.observations import Noise, Observations
+from annik_training.designs.sampling import compute_dataset
+from annik_training.fitting.fit import fit
+from annik_training.fitting.options import ARM_OPTIONS, FitOptions
 from annik_training.train import train
-from benchmarks.perturbed_ur5e import (
-    ORIENTATION_NOISE,
-    POSITION_NOISE,
-    PerturbedUr5e,
-    measured,
-)
+from benchmarks.conditions import machine
+from benchmarks.perturbed_ur5e import ORIENTATION_NOISE, POSITION_NOISE, PerturbedUr5e, measured
 
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "docs" / "results" / "learn_robot.md"

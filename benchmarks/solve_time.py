@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from annik_core.artifact import default_model_path
-from annik_core.ik_solver import IkSolver
-from annik_core.machine import machine
+from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray, checked_pose, pose_difference
+from annik_core.solver.ik_solver import IkSolver
+from benchmarks.conditions import machine
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "solve_time.md"
 

@@ -18,15 +18,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from annik_core.acceptance import AcceptanceLimits
-from annik_core.ik_result import REFUSALS, IkStatus
-from annik_core.machine import machine
+from annik_core.safety import AcceptanceLimits
+from annik_core.solver.result import REFUSALS, IkStatus
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
-from annik_ros.parameter_table import Parameter
-from annik_ros.parameters import PARAMETER_TABLES
-from annik_ros.services import SERVICES
+from annik_ros.ik_node.services import SERVICES
+from annik_ros.parameter_tables import PARAMETER_TABLES
+from annik_ros.parameters import Parameter
 from annik_training.designs.registry import DESIGNS
 from annik_training.designs.thirty_phase_design import describe_phases
+from benchmarks.conditions import machine
 from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent

@@ -1,6 +1,6 @@
 """Use a model with nothing but onnxruntime: pose in, joint positions out. See docs/artifact.md.
 
-Nothing is checked here; annik_core.ik_solver.IkSolver checks limits, workspace and residual.
+Nothing is checked here; annik_core.IkSolver checks limits, workspace and residual.
 """
 
 import json

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from annik_core.robot import Robot
-from annik_core.robot_library import load_robot
+from annik_core.robots.library import load_robot
+from annik_core.robots.robot import Robot
 
 # A loaded machine is slow, not wrong; and the gantry is frozen, so that examples may share it.
 settings.register_profile(
@@ -31,9 +31,9 @@ def arm_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     URDF, ``arm.urdf``, and what the command wrote and printed: ``summary.json``, ``printed.txt``.
     """
     from click.testing import CliRunner
-    from six_joint_arm import FRAMES, JOINT_BOX, URDF
+    from support.six_joint_arm import FRAMES, JOINT_BOX, URDF
 
-    from annik_training.cli import cli
+    from annik_training.cli.commands import cli
 
     folder = tmp_path_factory.mktemp("arm")
     (folder / "arm.urdf").write_text(URDF, encoding="utf-8")

@@ -19,9 +19,9 @@ from scipy.spatial.distance import cdist
 from annik_core.errors import InvalidDesignSize
 from annik_core.pose import FloatArray
 from annik_training.designs.sampling_designs import random_design, sobol_design
-from annik_training.fitting.fit_network import FittedStarts, examples_of, fit_starts
-from annik_training.fitting.fit_options import FitOptions
-from annik_training.systems.system import System
+from annik_training.fitting.fit import FittedStarts, examples_of, fit_starts
+from annik_training.fitting.options import FitOptions
+from annik_training.fitting.problem import System
 
 NAME = "active"
 #: Each round fits a committee to all examples, so that thousands of them would take hours.

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.stats import qmc
 
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
 from annik_training.designs.quadratic_model import quadratic_terms
 
 #: Singular values below this fraction of the largest count as zero.

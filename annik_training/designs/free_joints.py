@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
 
 
 def free_box(box: JointLimits) -> JointLimits:

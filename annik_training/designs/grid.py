@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
 
 
 def grid_positions(half_steps: NDArray[np.int64], box: JointLimits, steps: int) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from annik_core.errors import DesignError
 from annik_core.pose import FloatArray
-from annik_core.robot import Robot
+from annik_core.robots.robot import Robot
 
 NAME = "identifiability"
 #: Joint positions to choose from.
@@ -36,8 +36,8 @@ def identifiability_design(robot: Robot, examples: int, rng: np.random.Generator
         DesignError: if there are too few or too many examples.
         UnsupportedRobot: if it is no arm.
     """
-    from annik_training.measured.gray_box_model import GrayBoxModel, Part
-    from annik_training.measured.observations import Noise
+    from annik_training.calibration.model import GrayBoxModel, Part
+    from annik_training.calibration.observations import Noise
 
     if not 1 <= examples <= _CANDIDATES:
         raise DesignError(f"{NAME} chooses 1 to {_CANDIDATES} examples, not {examples}")

@@ -19,8 +19,8 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
 from annik_training.designs.diagnostics import DesignDiagnostics, ModelRank
 from annik_training.designs.plot_axis import JointAxis, joint_axes
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
 
 
 @dataclass(frozen=True, eq=False)

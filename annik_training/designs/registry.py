@@ -9,9 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from annik_core.errors import DesignError, UnknownDesign, UnsupportedRobotForDesign
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
-from annik_core.robot import Robot
+from annik_core.robots.joint_limits import JointLimits
+from annik_core.robots.robot import Robot
 from annik_training.designs import (
     central_composite_design,
     sampling_designs,
@@ -104,7 +104,7 @@ def _active(
     """The adaptive design, which learns from its examples as it goes."""
     # Only this one needs torch.
     from annik_training.designs.active_design import NAME, active_design
-    from annik_training.systems.inverse_kinematics_system import InverseKinematicsSystem
+    from annik_training.fitting.problem import InverseKinematicsSystem
 
     system: Any = InverseKinematicsSystem(subject) if isinstance(subject, Robot) else subject
     if not hasattr(system, "inputs"):

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from annik_core.errors import InvalidDesignSize
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
 
 MAX_EXAMPLES = 1_000_000
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from functools import cache
 from itertools import combinations
 
-from annik_core.joint_limits import JointLimits
 from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
 from annik_training.designs.quadratic_model import ExactMatrix, term_values, vanishing_combinations
 from annik_training.designs.thirty_phase_design import (
     Phase,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from annik_core import artifact
+from annik_core.model import artifact
 from annik_ros import doctor
 from annik_ros.doctor import Finding, Verdict
 

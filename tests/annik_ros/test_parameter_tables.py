@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from annik_core.acceptance import AcceptanceLimits
-from annik_ros.fake_robot_parameters import FakeRobotParameters
-from annik_ros.ik_node_parameters import IkNodeParameters
-from annik_ros.parameter_table import InvalidParameter, Parameter, parameter, parameter_table
-from annik_ros.parameters import PARAMETER_TABLES
+from annik_core.safety import AcceptanceLimits
+from annik_ros.fake_robot.parameters import FakeRobotParameters
+from annik_ros.ik_node.parameters import IkNodeParameters
+from annik_ros.parameter_tables import PARAMETER_TABLES
+from annik_ros.parameters import InvalidParameter, Parameter, parameter, parameter_table
 
 ROWS = [(node, row) for node, table in PARAMETER_TABLES.items() for row in table]
 
@@ -45,7 +45,7 @@ def test_every_parameter_is_described_and_its_default_is_allowed(
 
 def test_the_tables_need_no_ros() -> None:
     """So that documentation can be generated anywhere."""
-    code = "import sys, annik_ros.parameters; sys.exit('rclpy' in sys.modules)"
+    code = "import sys, annik_ros.parameter_tables; sys.exit('rclpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

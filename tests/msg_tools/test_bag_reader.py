@@ -6,17 +6,17 @@ import shutil
 from pathlib import Path
 
 import pytest
-from conftest import START_NS, RobotRecording, make
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
+from support.robot_recording import START_NS, RobotRecording, make
 
 from annik_core.errors import BagNotFound, BagNotReadable
-from msg_tools.bag_reader import read_bag
-from msg_tools.bag_writer import BagWriter
-from msg_tools.message_types import jazzy_types
+from msg_tools.bags.reader import read_bag
+from msg_tools.bags.types import jazzy_types
+from msg_tools.bags.writer import BagWriter
 
 POINT = "geometry_msgs/msg/Point"
 CHUNK_COUNT = 12

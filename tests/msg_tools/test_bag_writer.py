@@ -11,7 +11,6 @@ from textwrap import dedent
 
 import pytest
 import yaml
-from conftest import START_NS, RobotRecording, make
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.interfaces import (
@@ -23,11 +22,12 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import Reader
+from support.robot_recording import START_NS, RobotRecording, make
 
 from annik_core.errors import BagNotWritable
-from msg_tools.bag_reader import read_bag
-from msg_tools.bag_writer import BagWriter
-from msg_tools.message_types import jazzy_types
+from msg_tools.bags.reader import read_bag
+from msg_tools.bags.types import jazzy_types
+from msg_tools.bags.writer import BagWriter
 
 POINT = "geometry_msgs/msg/Point"
 FOREVER = QosTime(9223372036, 854775807)
@@ -207,7 +207,7 @@ def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> No
         import resource, sys
         from pathlib import Path
         from annik_core.errors import BagNotWritable
-        from msg_tools.bag_writer import BagWriter
+        from msg_tools.bags.writer import BagWriter
         resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
         flushed = 0
         try:

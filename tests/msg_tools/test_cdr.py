@@ -14,7 +14,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from annik_core.errors import ConversionError
 from annik_core.pose import FloatArray
-from msg_tools.cdr import pose_array_from_bytes, pose_from_bytes, pose_stamped_from_bytes
+from msg_tools.conversions.cdr import (
+    pose_array_from_bytes,
+    pose_from_bytes,
+    pose_stamped_from_bytes,
+)
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 READERS: dict[str, Callable[[bytes], Any]] = {

@@ -23,15 +23,15 @@ from annik_core.errors import (
     WrongShape,
 )
 from annik_core.pose import POSE_FIELDS, pose_from_roll_pitch_yaw
-from msg_tools.joint_state import joint_positions_from_message, joint_state_to_message
-from msg_tools.pose import (
+from msg_tools.conversions.joint_state import joint_positions_from_message, joint_state_to_message
+from msg_tools.conversions.pose import (
     pose_from_message,
     pose_stamped_to_message,
     pose_to_message,
     unchecked_pose_from_message,
 )
-from msg_tools.stamp import StampOutOfRange, stamp_from_message, stamp_to_message
-from msg_tools.vector3 import (
+from msg_tools.conversions.stamp import StampOutOfRange, stamp_from_message, stamp_to_message
+from msg_tools.conversions.vector3 import (
     vector3_from_message,
     vector3_stamped_to_message,
     vector3_to_message,

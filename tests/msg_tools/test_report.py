@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import RobotRecording
 from rich.console import Console
+from support.robot_recording import RobotRecording
 
-from msg_tools.bag_reader import read_bag
-from msg_tools.report import write_report
-from msg_tools.report_errors import ReportNotWritable
-from msg_tools.report_table import print_report
-from msg_tools.tracking_report import TrackingReport, tracking_report
+from msg_tools.bags.reader import read_bag
+from msg_tools.report.errors import ReportNotWritable
+from msg_tools.report.table import print_report
+from msg_tools.report.tracking import TrackingReport, tracking_report
+from msg_tools.report.write import write_report
 
 PNG_FILES = {"errors.png", "path.png", "histogram.png", "latency.png"}
 FILES = PNG_FILES | {"report.html", "results.json", "targets.csv"}

@@ -6,19 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import (
-    RobotRecording,
-    pose_message,
-    stamped_pose,
-    stamped_vector,
-)
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
+from support.robot_recording import RobotRecording, pose_message, stamped_pose, stamped_vector
 
-from msg_tools.bag_reader import read_bag
-from msg_tools.message_types import jazzy_types
-from msg_tools.report_errors import AmbiguousNamespace, UnknownNamespace
-from msg_tools.tracking_report import TrackingReport, tracking_report
+from msg_tools.bags.reader import read_bag
+from msg_tools.bags.types import jazzy_types
+from msg_tools.report.errors import AmbiguousNamespace, UnknownNamespace
+from msg_tools.report.tracking import TrackingReport, tracking_report
 
 
 def report_of(

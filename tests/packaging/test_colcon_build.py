@@ -81,7 +81,7 @@ def test_package_is_in_the_ament_index(workspace) -> None:
 def test_installed_code_finds_its_own_shared_files(workspace) -> None:
     found = in_workspace(
         workspace,
-        "python3 -c 'from annik_core.share_directory import share_directory as d; print(d())'",
+        "python3 -c 'from annik_core.installation import share_directory as d; print(d())'",
         capture_output=True,
         text=True,
         check=True,

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from annik_ros.parameters import PARAMETER_TABLES
+from annik_ros.parameter_tables import PARAMETER_TABLES
 
 ROOT = Path(__file__).parents[2]
 PACKAGE_XML = ElementTree.parse(ROOT / "package.xml").getroot()

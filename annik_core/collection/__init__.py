@@ -1,0 +1,1 @@
+"""Collection of measured examples on a robot."""

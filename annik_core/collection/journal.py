@@ -1,0 +1,292 @@
+"""The journal of a collection: what was measured, safe as soon as it was, and the way to go.
+
+The first line says what the journal is of: the plan and the robot by their hashes, the number of
+samples, and the order of the examples. Every other line is one finished example. Its file and lock
+are those of :class:`annik_core.append_log.CheckedLines`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from annik_core.append_log import CheckedLines
+from annik_core.collection.measurement import noise_of_averages
+from annik_core.collection.settings import CollectionSettings
+from annik_core.dataset import MEASURED, Dataset
+from annik_core.errors import (
+    AnnikError,
+    CheckedLinesInUse,
+    CheckedLinesNotWritable,
+    DamagedJournal,
+    DamagedLine,
+    DatasetInTheWay,
+    JournalInUse,
+    JournalMismatch,
+    JournalNotWritable,
+)
+from annik_core.installation import VERSION
+from annik_core.pose import FloatArray, checked_pose
+from annik_core.robots.definition import is_numeric
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredExample:
+    """What was measured of one row of the plan.
+
+    Attributes:
+        row: which one.
+        pose: ``(7,)`` the average: x, y, z [m], unit quaternion x, y, z, w, in the base frame.
+        square_sums: of the samples' distances from it [m^2] and of their angles [rad^2].
+        joint_positions: ``(dof,)`` as they were measured there [rad or m]; the plan has those
+            that were commanded.
+    """
+
+    row: int
+    pose: FloatArray
+    square_sums: tuple[float, float]
+    joint_positions: FloatArray
+
+
+def journal_path(dataset: Path) -> Path:
+    """Where the journal of a dataset is: beside it."""
+    return dataset.with_name(f"{dataset.stem}.journal.jsonl")
+
+
+def open_journal(dataset: Path, plan: Dataset, samples: int) -> CollectionJournal:
+    """The journal of a dataset that is to be measured, or is measured in part.
+
+    Args:
+        dataset: where the dataset goes; the journal is beside it.
+        plan: the joint positions to measure at.
+        samples: how many measured poses are averaged for an example.
+
+    Raises:
+        DatasetInTheWay: if the dataset is there without a journal: it is somebody else's.
+        CollectionError: see :class:`CollectionJournal`.
+    """
+    path = journal_path(dataset)
+    if dataset.exists() and not path.exists():
+        raise DatasetInTheWay(dataset, path)
+    return CollectionJournal(path, plan, samples)
+
+
+class CollectionJournal:
+    """The journal of a plan, open for this process alone.
+
+    Use it as a context manager, or close it.
+
+    Attributes:
+        path: the file.
+        plan: what is to be measured.
+        order: the rows of the plan in the order to visit them; None before :meth:`begin`.
+        examples: what was measured, by row.
+    """
+
+    def __init__(self, path: Path, plan: Dataset, samples: int) -> None:
+        """Open the journal, which is made if it is not there.
+
+        Args:
+            path: the file.
+            plan: the joint positions to measure at.
+            samples: how many measured poses are averaged for an example.
+
+        Raises:
+            JournalInUse: if another process has it open.
+            DamagedJournal: if a line is not as it was written.
+            JournalMismatch: if it is of another plan, robot, or number of samples.
+            JournalNotWritable: if the file can't be opened.
+        """
+        self.path = path
+        self.plan = plan
+        self.order: tuple[int, ...] | None = None
+        self.examples: dict[int, MeasuredExample] = {}
+        self._samples = samples
+        with _journal_errors():
+            self._lines = CheckedLines(path)
+        try:
+            self._read()
+        except BaseException:
+            self._lines.close()
+            raise
+
+    def __enter__(self) -> CollectionJournal:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file, which unlocks it."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file, which unlocks it."""
+        self._lines.close()
+
+    @property
+    def remaining(self) -> tuple[int, ...]:
+        """The rows that are not measured yet, in the order to visit them."""
+        return tuple(row for row in self.order or () if row not in self.examples)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every row is measured."""
+        return len(self.examples) == len(self.plan)
+
+    def begin(self, order: Sequence[int], settings: CollectionSettings) -> None:
+        """Write down the order and what else this collection is of.
+
+        Raises:
+            JournalNotWritable: if it can't be written.
+        """
+        with _journal_errors():
+            self._lines.append(
+                {
+                    **self._identity,
+                    "order": list(order),
+                    # For a person who reads it: they may differ when it is gone on with.
+                    "settings": _plain_settings(settings),
+                    "annik_version": VERSION,
+                }
+            )
+        self.order = tuple(order)
+
+    def record(self, example: MeasuredExample) -> None:
+        """Append an example; it is on the disk when this returns.
+
+        Raises:
+            JournalNotWritable: if it can't be written. The journal is then as it was before.
+        """
+        with _journal_errors():
+            self._lines.append(
+                {
+                    "row": example.row,
+                    "pose": example.pose.tolist(),
+                    "square_sums": list(example.square_sums),
+                    "joint_positions": example.joint_positions.tolist(),
+                }
+            )
+        self.examples[example.row] = example
+
+    def read_again(self) -> None:
+        """Take the examples from the file, as if it were opened now.
+
+        For after an interruption, which may come between an example's line and its entry here.
+
+        Raises:
+            DamagedJournal: if somebody else has altered the file.
+        """
+        with _journal_errors():
+            self._lines.read_again()
+        self._read()
+
+    def dataset(self) -> Dataset:
+        """What was measured, in the order of the plan, with the joint positions of the plan.
+
+        The same examples give the same dataset, in whatever order they were measured.
+        """
+        plan = self.plan
+        measured = [self.examples[row] for row in sorted(self.examples)]
+        kept = np.isin(np.arange(len(plan)), list(self.examples))
+        return dataclasses.replace(
+            plan.rows(kept),
+            poses=np.array([example.pose for example in measured]).reshape(-1, 7),
+            source=MEASURED,
+            measurement_noise=noise_of_averages(
+                [(self._samples, example.square_sums) for example in measured]
+            ),
+        )
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        """What must not differ from one run to the next."""
+        return {
+            "format_version": FORMAT_VERSION,
+            "plan_sha256": self.plan.content_hash,
+            "robot_sha256": self.plan.robot.definition_hash,
+            "samples": self._samples,
+        }
+
+    def _read(self) -> None:
+        lines = self._lines.lines
+        self.examples.clear()
+        if not lines:
+            return
+        self._read_first(lines[0])
+        for number, line in enumerate(lines[1:], start=2):
+            try:
+                example = self._example(line)
+            except (AnnikError, KeyError, TypeError, ValueError) as error:
+                raise DamagedJournal(
+                    self.path, number, f"it is not an example of this plan ({error})"
+                ) from error
+            self.examples[example.row] = example
+
+    def _read_first(self, header: Mapping[str, Any]) -> None:
+        if not {"order", *self._identity} <= set(header):
+            raise DamagedJournal(self.path, 1, "it is not the beginning of a journal")
+        names = {
+            "format_version": "format version",
+            "robot_sha256": "a robot of SHA-256",
+            "plan_sha256": "a plan of SHA-256",
+            "samples": "samples",
+        }
+        for key, name in names.items():
+            if header[key] != self._identity[key]:
+                raise JournalMismatch(self.path, name, header[key], self._identity[key])
+        order = header["order"]
+        if not isinstance(order, list) or sorted(order) != list(range(len(self.plan))):
+            raise DamagedJournal(self.path, 1, "its order is not one of the plan's rows")
+        self.order = tuple(order)
+
+    def _example(self, line: Mapping[str, Any]) -> MeasuredExample:
+        row = line["row"]
+        if type(row) is not int or not 0 <= row < len(self.plan):
+            raise ValueError(f"row {row!r}")
+        if row in self.examples:
+            raise ValueError(f"row {row} a second time")
+        numbers = [line["pose"], line["square_sums"], line["joint_positions"]]
+        if not is_numeric(numbers):
+            raise ValueError("not numbers")
+        joint_positions = np.array(line["joint_positions"], dtype=np.float64)
+        if joint_positions.shape != (self.plan.robot.dof,):
+            raise ValueError(f"{joint_positions.size} joint positions")
+        position, orientation = line["square_sums"]
+        if not (position >= 0 and orientation >= 0):
+            raise ValueError("a negative sum of squares")
+        return MeasuredExample(
+            row, checked_pose(line["pose"]), (float(position), float(orientation)), joint_positions
+        )
+
+
+def _plain_settings(settings: CollectionSettings) -> dict[str, Any]:
+    # JSON has no infinity.
+    return {
+        name: [str(number) for number in value] if isinstance(value, tuple) else str(value)
+        for name, value in dataclasses.asdict(settings).items()
+    }
+
+
+@contextmanager
+def _journal_errors() -> Iterator[None]:
+    """What is wrong with the file, said with what to do about it."""
+    try:
+        yield
+    except CheckedLinesInUse as error:
+        raise JournalInUse(error.path) from error
+    except DamagedLine as error:
+        raise DamagedJournal(error.path, error.line, error.problem) from error
+    except CheckedLinesNotWritable as error:
+        raise JournalNotWritable(error.path, error.reason) from error

@@ -1,0 +1,187 @@
+"""What a model file says of itself, and its form inside the file.
+
+Every entry is one ONNX metadata property, named ``annik.<key>``, whose value is JSON, so that any
+language can read it. docs/artifact.md is the reference.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from annik_core.errors import (
+    InvalidArtifactMetadata,
+    MissingArtifactMetadata,
+    UnsupportedArtifactVersion,
+)
+from annik_core.robots.definition import is_numeric
+
+FORMAT_VERSION = "1"
+SUPPORTED_VERSIONS = (FORMAT_VERSION,)
+_PREFIX = "annik."
+
+
+@dataclass(frozen=True)
+class ArtifactMetadata:
+    """Metadata of a model file.
+
+    Attributes:
+        format_version: version of the artifact contract.
+        package_version: the annik that made the file.
+        robot: the whole robot definition, as plain data.
+        robot_hash: SHA-256 of it.
+        joint_names: joints in the order of the output's columns.
+        base_frame: frame of the input poses.
+        end_effector_frame: the frame whose pose it is.
+        joint_box_lower: ``dof`` numbers: where the examples come from [rad or m].
+        joint_box_upper: likewise.
+        encoding: name of the pose encoding in the graph.
+        hidden_units: sizes of the hidden layers.
+        design: name of the design of experiments.
+        design_options: its options.
+        examples: number of distinct examples, held-out ones and second solutions included.
+        held_out_examples: how many of them only chose the winner among the restarts.
+        dataset_hash: SHA-256 of the examples.
+        seed: the seed that everything random was drawn from.
+        winning_restart: which restart the network is from.
+        fit_options: every option of the fit.
+        evaluation: percentiles of the network's errors on fresh random poses of the workspace.
+        reference_poses: ``(k, 7)`` poses to prove a loaded file with.
+        reference_joint_positions: ``(k, dof)`` what the trained network answers to them.
+    """
+
+    format_version: str
+    package_version: str
+    robot: Mapping[str, Any]
+    robot_hash: str
+    joint_names: list[str]
+    base_frame: str
+    end_effector_frame: str
+    joint_box_lower: list[float]
+    joint_box_upper: list[float]
+    encoding: str
+    hidden_units: list[int]
+    design: str
+    design_options: dict[str, Any]
+    examples: int
+    held_out_examples: int
+    dataset_hash: str
+    seed: int
+    winning_restart: int
+    fit_options: dict[str, Any]
+    evaluation: dict[str, Any]
+    reference_poses: list[list[float]]
+    reference_joint_positions: list[list[float]]
+
+    def to_properties(self) -> dict[str, str]:
+        """The entries as they stand in the file. Floats survive the round trip bit for bit.
+
+        Raises:
+            ValueError: if a number is NaN or infinite, which JSON does not have.
+        """
+        return {
+            _PREFIX + key: json.dumps(value, sort_keys=True, allow_nan=False)
+            for key, value in asdict(self).items()
+        }
+
+    @classmethod
+    def from_properties(cls, properties: Mapping[str, str], path: Path) -> ArtifactMetadata:
+        """Read the entries of the file at ``path``; the version is checked before all others.
+
+        Raises:
+            MissingArtifactMetadata: if an entry is missing; names it.
+            UnsupportedArtifactVersion: if the file is of another format.
+            InvalidArtifactMetadata: if an entry has the wrong form; names it.
+        """
+        version = _entry(properties, "format_version", path)
+        if version not in SUPPORTED_VERSIONS:
+            raise UnsupportedArtifactVersion(path, str(version), SUPPORTED_VERSIONS)
+        values = {field.name: _entry(properties, field.name, path) for field in fields(cls)}
+        for key, kind in _KINDS.items():
+            if not isinstance(values[key], kind) or isinstance(values[key], bool):
+                raise InvalidArtifactMetadata(path, key, f"not of type {kind.__name__}")
+        dof = len(values["joint_names"])
+        for key, width in (
+            ("joint_box_lower", None),
+            ("joint_box_upper", None),
+            ("reference_poses", 7),
+            ("reference_joint_positions", dof),
+        ):
+            _check_numbers(values[key], key, width, dof, path)
+        if len(values["reference_poses"]) != len(values["reference_joint_positions"]):
+            raise InvalidArtifactMetadata(
+                path, "reference_joint_positions", "not one row for each reference pose"
+            )
+        return cls(**values)
+
+
+_KINDS: dict[str, type] = {
+    "package_version": str,
+    "robot": dict,
+    "robot_hash": str,
+    "joint_names": list,
+    "base_frame": str,
+    "end_effector_frame": str,
+    "encoding": str,
+    "hidden_units": list,
+    "design": str,
+    "design_options": dict,
+    "examples": int,
+    "held_out_examples": int,
+    "dataset_hash": str,
+    "seed": int,
+    "winning_restart": int,
+    "fit_options": dict,
+    "evaluation": dict,
+}
+
+
+def _entry(properties: Mapping[str, str], key: str, path: Path) -> Any:
+    text = properties.get(_PREFIX + key)
+    if text is None:
+        raise MissingArtifactMetadata(path, _PREFIX + key)
+    try:
+        return json.loads(
+            text, parse_constant=_finite_float, parse_float=_finite_float, parse_int=_finite_int
+        )
+    # Text that is not JSON, or, in a damaged file, bytes that are not text.
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InvalidArtifactMetadata(path, key, f"not JSON: {error}") from error
+
+
+def _finite_float(text: str) -> float:
+    """For the JSON reader, which itself takes NaN and Infinity, and infinity for 1e999."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is not a finite number")
+    return number
+
+
+def _finite_int(text: str) -> int:
+    # One that is beyond a double could be neither computed with nor formatted later.
+    _finite_float(text)
+    return int(text)
+
+
+def _check_numbers(value: Any, key: str, width: int | None, dof: int, path: Path) -> None:
+    expected = f"({dof},)" if width is None else f"(k, {width})"
+    if not is_numeric(value):
+        raise InvalidArtifactMetadata(path, key, f"not numbers of shape {expected}")
+    try:
+        numbers = np.array(value, dtype=np.float64)
+    # Rows of different lengths, or far too deep.
+    except ValueError as error:
+        raise InvalidArtifactMetadata(path, key, f"not numbers of shape {expected}") from error
+    right_shape = (
+        numbers.shape == (dof,)
+        if width is None
+        else numbers.ndim == 2 and numbers.shape[1] == width and len(numbers) > 0
+    )
+    if not right_shape:
+        raise InvalidArtifactMetadata(path, key, f"shape {numbers.shape}, not {expected}")

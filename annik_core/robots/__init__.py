@@ -1,0 +1,1 @@
+"""Robots: definitions, joints and limits, forward kinematics, corrections."""

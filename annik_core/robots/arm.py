@@ -1,0 +1,400 @@
+"""Arms: any serial chain of a URDF, its kinematics by Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import dist, hypot
+from typing import Any
+
+import numpy as np
+
+from annik_core.errors import InvalidRobotDefinition, MissingDependency
+from annik_core.pose import FloatArray, Numbers
+from annik_core.robots.corrected_kinematics import (
+    JointCorrectedKinematics,
+    PoseCorrectedKinematics,
+)
+from annik_core.robots.corrections import ArmCorrections
+from annik_core.robots.definition import checked_name, checked_numbers
+from annik_core.robots.joint_limits import JointLimits
+from annik_core.robots.robot import (
+    ForwardKinematics,
+    PoseError,
+    PoseErrorFunction,
+    ResolvedTarget,
+    Robot,
+    check_joint_count,
+)
+from annik_core.robots.urdf import SerialChain, serial_chain
+
+_REMEDY = "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio"
+_NO_REFERENCE: FloatArray = np.zeros(0)
+#: No serial arm has as many joints that move.
+MAX_JOINTS = 32
+#: A full turn, to rounding [rad].
+_FULL_TURN = 2.0 * np.pi + 1e-9
+
+
+def _pinocchio() -> Any:
+    """Pinocchio, which only arms need."""
+    try:
+        import pinocchio
+    except ModuleNotFoundError as error:
+        raise MissingDependency("pinocchio", "the kinematics of arms", _REMEDY) from error
+    except ImportError as error:
+        raise MissingDependency(
+            "pinocchio", "the kinematics of arms", f"it is installed, but fails: {error}"
+        ) from error
+    if not hasattr(pinocchio, "buildModelFromXML"):
+        # Another project has this name on PyPI.
+        raise MissingDependency(
+            "pinocchio",
+            "the kinematics of arms",
+            f"{_REMEDY}; what is installed under this name is another project",
+        )
+    return pinocchio
+
+
+@dataclass(frozen=True, eq=False)
+class ArmKinematics(ForwardKinematics):
+    """Forward kinematics of a serial chain.
+
+    Not for several threads at once: Pinocchio computes in memory that belongs to this object.
+
+    Attributes:
+        joint_names: the joints, from the base on.
+        urdf: the chain as URDF text.
+        end_effector_frame: the link whose pose it is; the base frame is the root of the chain.
+        placements: ``(dof + 1, 7)`` small motions of what follows the base, and of what follows
+            each joint, in whose frame they are; None: none.
+    """
+
+    joint_names: tuple[str, ...]
+    urdf: str
+    end_effector_frame: str
+    placements: FloatArray | None = None
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """End-effector poses ``(n, 7)``; see :class:`ForwardKinematics`."""
+        check_joint_count(joint_positions, self.joint_names)
+        pin, model, data, frame = self._pinocchio
+        poses = np.empty((len(joint_positions), 7))
+        for row, positions in enumerate(joint_positions):
+            pin.framesForwardKinematics(model, data, positions)
+            poses[row] = pin.SE3ToXYZQUAT(data.oMf[frame])
+        poses[poses[:, 6] < 0.0, 3:] *= -1.0
+        return poses
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """Geometric Jacobians ``(n, 6, dof)``; see :class:`ForwardKinematics`."""
+        check_joint_count(joint_positions, self.joint_names)
+        pin, model, data, frame = self._pinocchio
+        jacobians = np.empty((len(joint_positions), 6, len(self.joint_names)))
+        for row, positions in enumerate(joint_positions):
+            jacobians[row] = pin.computeFrameJacobian(
+                model, data, positions, frame, pin.LOCAL_WORLD_ALIGNED
+            )
+        return jacobians
+
+    def error_to(self, target: FloatArray) -> PoseErrorFunction:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.error_to`."""
+        pin, model, data, frame = self._pinocchio
+        # Names of its own: the inside of a search is where the time goes.
+        jacobian, log6, local = pin.computeFrameJacobian, pin.log6, pin.LOCAL
+        # On its way from the frame to the base, the Jacobian leaves the frame's placement here.
+        placement = data.iMf[0]
+        goal = pin.XYZQUATToSE3(target)
+        difference = twist = None
+
+        def linearised(joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+            nonlocal difference, twist
+            columns = jacobian(model, data, joint_positions, frame, local)
+            difference = placement.actInv(goal)
+            twist = log6(difference).vector
+            return twist, columns
+
+        def residuals() -> tuple[float, float]:
+            assert difference is not None and twist is not None
+            return hypot(*difference.translation.tolist()), hypot(*twist[3:].tolist())
+
+        def error(joint_positions: FloatArray) -> PoseError:
+            return PoseError(linearised(joint_positions)[0], *residuals())
+
+        return PoseErrorFunction(error, linearised, residuals)
+
+    @cached_property
+    def joint_origins(self) -> FloatArray:
+        """``(dof + 1, 3)``: origins of the joints and of the end effector at zero [m]."""
+        pin, model, data, frame = self._pinocchio
+        pin.framesForwardKinematics(model, data, np.zeros(len(self.joint_names)))
+        joints = [data.oMi[number].translation.copy() for number in range(1, model.njoints)]
+        return np.array([*joints, data.oMf[frame].translation.copy()])
+
+    @cached_property
+    def screws(self) -> ScrewChain:
+        """The chain as placements and axes."""
+        pin, model, data, frame = self._pinocchio
+        zero = np.zeros(len(self.joint_names))
+        axes = [
+            pin.computeJointJacobian(model, data, zero, number)[:, number - 1].copy()
+            for number in range(1, model.njoints)
+        ]
+        placements = [model.jointPlacements[number] for number in range(1, model.njoints)]
+        placements.append(model.frames[frame].placement)
+        return ScrewChain(
+            np.array([placement.homogeneous for placement in placements]), np.array(axes)
+        )
+
+    @cached_property
+    def _pinocchio(self) -> tuple[Any, Any, Any, int]:
+        """The library, the model, its working memory, and the frame's number."""
+        pin = _pinocchio()
+        model = pin.buildModelFromXML(self.urdf)
+        # Joints are frames too, and one may have the name of a link.
+        frame = model.getFrameId(self.end_effector_frame, pin.FrameType.BODY)
+        if self.placements is not None:
+            first, *others, last = [pin.XYZQUATToSE3(row) for row in self.placements]
+            model.jointPlacements[1] = first * model.jointPlacements[1]
+            for number, motion in enumerate(others, 2):
+                model.jointPlacements[number] = motion * model.jointPlacements[number]
+            model.frames[frame].placement = last * model.frames[frame].placement
+        data = model.createData()
+        _check_placement(pin, model, data, frame)
+        return pin, model, data, frame
+
+
+@dataclass(frozen=True, eq=False)
+class ScrewChain:
+    """A chain in numbers: end effector = product of (placement, joint motion), last placement.
+
+    Attributes:
+        placements: ``(dof + 1, 4, 4)`` of each joint in the frame of the one before, at zero, and
+            of the end effector in the last joint's.
+        axes: ``(dof, 6)`` the joints' unit twists in their own frames: linear, angular.
+    """
+
+    placements: FloatArray
+    axes: FloatArray
+
+
+def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
+    """Make sure that the frame's placement is where :meth:`ArmKinematics.error_to` looks for it.
+
+    Pinocchio does not promise to leave it there.
+
+    Raises:
+        MissingDependency: if this version of it does not.
+    """
+    for position in (0.3, -0.7):
+        positions = np.full(model.nq, position)
+        pin.framesForwardKinematics(model, data, positions)
+        expected = data.oMf[frame].copy()
+        data.iMf[0] = pin.SE3.Identity()
+        pin.computeFrameJacobian(model, data, positions, frame, pin.LOCAL)
+        if not data.iMf[0].isApprox(expected, 1e-9):
+            raise MissingDependency(
+                "pinocchio",
+                "the kinematics of arms",
+                f"version {pin.__version__} computes Jacobians in another way; install 4.1",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class ArmWorkspace:
+    """What an arm can reach is known exactly only by solving; this refuses the clearly too far.
+
+    Attributes:
+        centre: ``(3,)`` origin of the first joint in the base frame [m].
+        reach: the end effector is never farther from it [m].
+    """
+
+    centre: FloatArray
+    reach: float
+
+    def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
+        """See :meth:`annik_core.robots.robot.Workspace.resolve`: every pose is taken as it is."""
+        # Python's own numbers: three of them are not worth a call of NumPy.
+        distance = dist(pose.tolist()[:3], self._centre)
+        violation = None
+        if distance > self.reach:
+            violation = (
+                f"the target is {distance:.6g} m from the first joint, the arm reaches at most "
+                f"{self.reach:.6g} m"
+            )
+        return ResolvedTarget(pose, violation, _NO_REFERENCE)
+
+    @cached_property
+    def _centre(self) -> list[float]:
+        coordinates: list[float] = self.centre.tolist()
+        return coordinates
+
+    def reference(self, joint_positions: FloatArray) -> FloatArray:
+        """Nothing: an arm's answer depends on the pose alone."""
+        return _NO_REFERENCE
+
+
+def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
+    """The arm that a definition describes.
+
+    Args:
+        definition: ``urdf``, the text; and, each of which may be left out, ``name``,
+            ``base_frame``, ``end_effector_frame`` (see :func:`serial_chain`)
+            and ``joint_box``: [lower, upper] of joints by name [rad or m]; the box of a joint that
+            it leaves out are its limits, or, where they are wider, the full turn in their middle;
+            and ``corrections``, see :class:`annik_core.robots.corrections.ArmCorrections`.
+        source: what to call the definition in an error.
+
+    Returns:
+        The robot. Its own definition holds the chain alone and everything that was left out.
+
+    Raises:
+        InvalidRobotDefinition: naming what is missing or wrong.
+        MissingDependency: if Pinocchio is not installed.
+    """
+    known = {
+        *("kind", "name", "urdf", "base_frame", "end_effector_frame", "joint_box"),
+        "corrections",
+    }
+    unknown = sorted(set(definition) - known)
+    if unknown:
+        raise InvalidRobotDefinition(
+            source,
+            f"{unknown[0]!r} is not an entry of an arm; those are {', '.join(sorted(known))}",
+        )
+    urdf = definition.get("urdf")
+    if not isinstance(urdf, str):
+        raise InvalidRobotDefinition(source, "'urdf' is missing: the text of a URDF")
+    frames = [
+        checked_name(definition[key], key, source) if definition.get(key) is not None else None
+        for key in ("base_frame", "end_effector_frame")
+    ]
+    chain = serial_chain(urdf, source, *frames)
+    if len(chain.joint_names) > MAX_JOINTS:
+        raise InvalidRobotDefinition(
+            source, f"the chain has {len(chain.joint_names)} joints, more than {MAX_JOINTS}"
+        )
+    limits = JointLimits.from_bounds(chain.joint_names, chain.lower, chain.upper)
+    box = _joint_box(definition.get("joint_box"), chain, limits, source)
+    name = checked_name(definition.get("name", chain.name), "name", source)
+    corrections = None
+    if definition.get("corrections") is not None:
+        corrections = ArmCorrections.from_plain_data(
+            definition["corrections"], len(chain.joint_names), source
+        )
+    kinematics = ArmKinematics(
+        chain.joint_names,
+        chain.urdf,
+        chain.end_effector_frame,
+        None if corrections is None else corrections.placements,
+    )
+    try:
+        workspace = _workspace(kinematics, chain, corrections)
+    except ValueError as error:
+        raise InvalidRobotDefinition(source, f"Pinocchio can't read the chain: {error}") from error
+    return Robot(
+        name=name,
+        kind="arm",
+        joint_names=chain.joint_names,
+        joint_types=chain.joint_types,
+        joint_limits=limits,
+        joint_box=box,
+        base_frame=chain.base_frame,
+        end_effector_frame=chain.end_effector_frame,
+        forward_kinematics=_corrected(kinematics, corrections),
+        workspace=workspace,
+        definition={
+            "kind": "arm",
+            "name": name,
+            "urdf": chain.urdf,
+            "base_frame": chain.base_frame,
+            "end_effector_frame": chain.end_effector_frame,
+            "joint_box": {
+                joint: [float(lower), float(upper)]
+                for joint, lower, upper in zip(
+                    chain.joint_names, box.lower, box.upper, strict=True
+                )
+            },
+            **({} if corrections is None else {"corrections": corrections.as_plain_data()}),
+        },
+        error_bound=None if corrections is None else corrections.error_bound,
+    )
+
+
+def _corrected(kinematics: ArmKinematics, corrections: ArmCorrections | None) -> ForwardKinematics:
+    """The kinematics with the corrections that are not placements."""
+    corrected: ForwardKinematics = kinematics
+    if corrections is not None and corrections.joint_networks is not None:
+        corrected = JointCorrectedKinematics(corrected, corrections.joint_networks)
+    if corrections is not None and corrections.pose_network is not None:
+        corrected = PoseCorrectedKinematics(corrected, corrections.pose_network)
+    return corrected
+
+
+def _joint_box(
+    entries: object, chain: SerialChain, limits: JointLimits, source: str
+) -> JointLimits:
+    """The working joint box: what is given, and the limits for the rest."""
+    if entries is None:
+        entries = {}
+    if not isinstance(entries, Mapping):
+        raise InvalidRobotDefinition(
+            source, "'joint_box' is not a mapping of joint names to [lower, upper]"
+        )
+    joints = ", ".join(chain.joint_names)
+    for joint in entries:
+        if joint not in chain.joint_names:
+            raise InvalidRobotDefinition(
+                source, f"'joint_box' names {joint!r}, which is no joint of the chain: {joints}"
+            )
+    lower, upper = limits.lower.copy(), limits.upper.copy()
+    for index, joint in enumerate(chain.joint_names):
+        if chain.continuous[index]:
+            lower[index], upper[index] = -np.pi, np.pi
+        if joint in entries:
+            bounds = checked_numbers(entries[joint], f"joint_box of {joint}", source)
+            if bounds.shape != (2,) or not np.isfinite(bounds).all() or bounds[0] > bounds[1]:
+                raise InvalidRobotDefinition(
+                    source, f"joint_box of {joint} is {entries[joint]}, not [lower, upper]"
+                )
+            lower[index], upper[index] = bounds
+        if lower[index] < limits.lower[index] or upper[index] > limits.upper[index]:
+            raise InvalidRobotDefinition(
+                source,
+                f"joint_box of {joint} is [{lower[index]:.6g}, {upper[index]:.6g}], not inside "
+                f"its limits [{limits.lower[index]:.6g}, {limits.upper[index]:.6g}]",
+            )
+        if chain.joint_types[index] == "revolute" and upper[index] - lower[index] > _FULL_TURN:
+            # A pose does not tell an angle from the same after a full turn.
+            middle = 0.5 * (lower[index] + upper[index])
+            if joint in entries:
+                raise InvalidRobotDefinition(
+                    source, f"joint_box of {joint} is wider than a full turn: no single solution"
+                )
+            lower[index], upper[index] = middle - np.pi, middle + np.pi
+    box = JointLimits.from_bounds(chain.joint_names, lower, upper)
+    if len(box.free) == 0:
+        raise InvalidRobotDefinition(source, "'joint_box' locks every joint: nothing moves")
+    return box
+
+
+def _workspace(
+    kinematics: ArmKinematics, chain: SerialChain, corrections: ArmCorrections | None
+) -> ArmWorkspace:
+    origins = kinematics.joint_origins
+    beyond, shift = np.zeros(len(chain.joint_names)), 0.0
+    if corrections is not None and corrections.joint_networks is not None:
+        beyond = corrections.joint_networks.largest
+    if corrections is not None and corrections.pose_network is not None:
+        shift = corrections.pose_network.largest_shift
+    strokes = [
+        max(abs(lower), abs(upper)) + more
+        for kind, lower, upper, more in zip(
+            chain.joint_types, chain.lower, chain.upper, beyond.tolist(), strict=True
+        )
+        if kind == "prismatic"
+    ]
+    # The distances between successive origins are fixed, but for the strokes of prismatic joints.
+    reach = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum()) + sum(strokes) + shift
+    return ArmWorkspace(origins[0], reach * (1.0 + 1e-9) + 1e-9)

@@ -1,0 +1,320 @@
+"""Kinematic corrections of an arm, found by calibration, and the bound of the error left.
+
+What a joint does of what it is told: corrections of the joint positions.
+
+What geometry and joints leave unexplained: a small correction of the end effector's pose.
+
+How far a learned model of a robot may be from the robot, pose by pose.
+
+In what a real arm differs from its description, as learned from measured poses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from annik_core.errors import InvalidRobotDefinition
+from annik_core.pose import QUATERNION_NORM_TOLERANCE, FloatArray
+from annik_core.robots.definition import (
+    check_positive,
+    check_shape,
+    checked_arrays,
+    checked_numbers,
+)
+
+
+class JointCorrection(Protocol):
+    """Where joints really are, given the positions that were commanded."""
+
+    def actual(self, joint_positions: FloatArray) -> FloatArray:
+        """Actual joint positions, ``(n, dof)`` or ``(dof,)`` as given [rad or m]."""
+        ...
+
+    def slopes(self, joint_positions: FloatArray) -> FloatArray:
+        """Their derivatives by the commanded ones, of the same shape: each joint for itself."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class JointNetworks:
+    """A small network per joint: its correction as a function of its own position.
+
+    ``actual = q + sum over hidden units of output_weight * tanh(input_weight * x + bias)``, where
+    ``x = (q - centre) / half_width``.
+
+    Attributes:
+        centre: ``(dof,)`` [rad or m].
+        half_width: ``(dof,)`` [rad or m], not zero.
+        input_weights: ``(dof, hidden)``.
+        biases: ``(dof, hidden)``.
+        output_weights: ``(dof, hidden)`` [rad or m].
+    """
+
+    centre: FloatArray
+    half_width: FloatArray
+    input_weights: FloatArray
+    biases: FloatArray
+    output_weights: FloatArray
+
+    def actual(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`JointCorrection`."""
+        corrections: FloatArray = (self.output_weights * self.activations(joint_positions)).sum(-1)
+        return joint_positions + corrections
+
+    def slopes(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`JointCorrection`."""
+        inner = self.output_weights * self.input_weights / self.half_width[:, np.newaxis]
+        slopes: FloatArray = (inner * (1.0 - self.activations(joint_positions) ** 2)).sum(-1)
+        return 1.0 + slopes
+
+    @property
+    def largest(self) -> FloatArray:
+        """``(dof,)`` what no correction exceeds [rad or m]."""
+        return np.asarray(np.abs(self.output_weights).sum(axis=1), dtype=np.float64)
+
+    def activations(self, joint_positions: FloatArray) -> FloatArray:
+        """The hidden units, ``(..., dof, hidden)``."""
+        scaled = (joint_positions - self.centre) / self.half_width
+        activations: FloatArray = np.tanh(
+            scaled[..., np.newaxis] * self.input_weights + self.biases
+        )
+        return activations
+
+    def as_plain_data(self) -> dict[str, Any]:
+        """For a robot definition."""
+        return {name: array.tolist() for name, array in vars(self).items()}
+
+    @classmethod
+    def from_plain_data(cls, data: Any, dof: int, source: str) -> JointNetworks:
+        """The reverse of :meth:`as_plain_data`.
+
+        Raises:
+            InvalidRobotDefinition: naming what is missing or wrong.
+        """
+        what = "corrections.joint_networks"
+        arrays = checked_arrays(data, tuple(cls.__dataclass_fields__), what, source)
+        hidden = arrays["input_weights"].shape[-1:]
+        for name in ("centre", "half_width"):
+            check_shape(arrays[name], (dof,), f"{what}.{name}", source)
+        for name in ("input_weights", "biases", "output_weights"):
+            check_shape(arrays[name], (dof, *hidden), f"{what}.{name}", source)
+        check_positive(arrays["half_width"], f"{what}.half_width", source)
+        return cls(**arrays)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseNetwork:
+    """A small network from all joint positions to a motion of the end effector in its own frame.
+
+    ``motion = output_weights @ tanh(input_weights @ x + biases)``, ``x`` being the joint positions
+    scaled to their box. The motion is a twist, to be applied by the exponential map.
+
+    Attributes:
+        centre: ``(dof,)`` [rad or m].
+        half_width: ``(dof,)`` [rad or m], not zero.
+        input_weights: ``(hidden, dof)``.
+        biases: ``(hidden,)``.
+        output_weights: ``(6, hidden)``: three rows linear [m], three angular [rad].
+    """
+
+    centre: FloatArray
+    half_width: FloatArray
+    input_weights: FloatArray
+    biases: FloatArray
+    output_weights: FloatArray
+
+    def motions(self, joint_positions: FloatArray) -> FloatArray:
+        """Twists ``(n, 6)`` in the end effector's frame for joint positions ``(n, dof)``."""
+        motions: FloatArray = self.activations(joint_positions) @ self.output_weights.T
+        return motions
+
+    @property
+    def largest_shift(self) -> float:
+        """What no motion shifts the end effector by more than [m]."""
+        largest = np.abs(self.output_weights).sum(axis=1)
+        linear, angular = np.linalg.norm(largest[:3]), np.linalg.norm(largest[3:])
+        return float(linear * (1.0 + 0.5 * angular))
+
+    def activations(self, joint_positions: FloatArray) -> FloatArray:
+        """The hidden units, ``(n, hidden)``."""
+        scaled = (joint_positions - self.centre) / self.half_width
+        activations: FloatArray = np.tanh(scaled @ self.input_weights.T + self.biases)
+        return activations
+
+    def as_plain_data(self) -> dict[str, Any]:
+        """For a robot definition."""
+        return {name: array.tolist() for name, array in vars(self).items()}
+
+    @classmethod
+    def from_plain_data(cls, data: Any, dof: int, source: str) -> PoseNetwork:
+        """The reverse of :meth:`as_plain_data`.
+
+        Raises:
+            InvalidRobotDefinition: naming what is missing or wrong.
+        """
+        what = "corrections.pose_network"
+        arrays = checked_arrays(data, tuple(cls.__dataclass_fields__), what, source)
+        hidden = arrays["biases"].shape[-1:]
+        for name, shape in (
+            ("centre", (dof,)),
+            ("half_width", (dof,)),
+            ("biases", hidden),
+            ("input_weights", (*hidden, dof)),
+            ("output_weights", (6, *hidden)),
+        ):
+            check_shape(arrays[name], shape, f"{what}.{name}", source)
+        check_positive(arrays["half_width"], f"{what}.half_width", source)
+        return cls(**arrays)
+
+
+#: Greatest logarithm of a bound that makes sense.
+_LARGEST_EXPONENT = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBound:
+    """The error that 95 of 100 poses stay below, as a function of the joint positions.
+
+    Its logarithm is quadratic in ``x``, the joint positions scaled to their box: ``coefficients``
+    times (1, x_i, x_i x_j for i <= j).
+
+    Attributes:
+        centre: ``(dof,)`` [rad or m].
+        half_width: ``(dof,)`` [rad or m], not zero.
+        coefficients: ``(2, 1 + dof + dof (dof + 1) / 2)``: of the distance [m] and of the angle
+            [rad].
+    """
+
+    centre: FloatArray
+    half_width: FloatArray
+    coefficients: FloatArray
+
+    def at(self, joint_positions: FloatArray) -> tuple[float, float]:
+        """Bounds of the distance [m] and the angle [rad] at joint positions ``(dof,)``."""
+        position, orientation = (
+            self.coefficients @ quadratic_features(self.scaled(joint_positions)[np.newaxis])[0]
+        ).tolist()
+        return math.exp(position), math.exp(orientation)
+
+    def scaled(self, joint_positions: FloatArray) -> FloatArray:
+        """The joint positions ``(..., dof)``, the box being [-1, 1]; not beyond it.
+
+        Outside the box nothing is known; a parabola would say anything there.
+        """
+        scaled = (joint_positions - self.centre) / self.half_width
+        clipped: FloatArray = np.minimum(np.maximum(scaled, -1.0), 1.0)
+        return clipped
+
+    def as_plain_data(self) -> dict[str, Any]:
+        """For a robot definition."""
+        return {name: array.tolist() for name, array in vars(self).items()}
+
+    @classmethod
+    def from_plain_data(cls, data: Any, dof: int, source: str) -> ErrorBound:
+        """The reverse of :meth:`as_plain_data`.
+
+        Raises:
+            InvalidRobotDefinition: naming what is missing or wrong.
+        """
+        what = "corrections.error_bound"
+        arrays = checked_arrays(data, tuple(cls.__dataclass_fields__), what, source)
+        for name, shape in (
+            ("centre", (dof,)),
+            ("half_width", (dof,)),
+            ("coefficients", (2, 1 + dof + dof * (dof + 1) // 2)),
+        ):
+            check_shape(arrays[name], shape, f"{what}.{name}", source)
+        check_positive(arrays["half_width"], f"{what}.half_width", source)
+        # Beyond it the exponential is no number.
+        if np.abs(arrays["coefficients"]).sum(axis=1).max() > _LARGEST_EXPONENT:
+            raise InvalidRobotDefinition(source, f"{what}.coefficients are too large for bounds")
+        return cls(**arrays)
+
+
+def quadratic_features(scaled: FloatArray) -> FloatArray:
+    """``(n, 1 + dof + dof (dof + 1) / 2)``: 1, x_i and x_i x_j of rows ``(n, dof)``."""
+    first, second = np.triu_indices(scaled.shape[1])
+    return np.concatenate(
+        [np.ones((len(scaled), 1)), scaled, scaled[:, first] * scaled[:, second]], axis=1
+    )
+
+
+_PARTS = ("joint_networks", "pose_network", "error_bound")
+_ENTRIES = ("placements", *_PARTS, "provenance")
+
+
+@dataclass(frozen=True, eq=False)
+class ArmCorrections:
+    """The entry ``corrections`` of an arm's definition.
+
+    Attributes:
+        placements: ``(dof + 1, 7)`` small motions, as poses, of all that follows: the first before
+            the first joint, in the base frame; number i after the i-th joint, in its frame.
+        joint_networks: corrections of the joint positions, or None.
+        pose_network: a correction of the end effector's pose, or None.
+        error_bound: what error is left, or None if nobody knows.
+        provenance: from what they were learned, and how; plain data.
+    """
+
+    placements: FloatArray
+    joint_networks: JointNetworks | None = None
+    pose_network: PoseNetwork | None = None
+    error_bound: ErrorBound | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_plain_data(self) -> dict[str, Any]:
+        """For a robot definition."""
+        data: dict[str, Any] = {"placements": self.placements.tolist()}
+        for name in _PARTS:
+            part = getattr(self, name)
+            if part is not None:
+                data[name] = part.as_plain_data()
+        if self.provenance:
+            data["provenance"] = dict(self.provenance)
+        return data
+
+    @classmethod
+    def from_plain_data(cls, data: Any, dof: int, source: str) -> ArmCorrections:
+        """The reverse of :meth:`as_plain_data`.
+
+        Raises:
+            InvalidRobotDefinition: naming what is missing or wrong.
+        """
+        if not isinstance(data, Mapping) or "placements" not in data:
+            raise InvalidRobotDefinition(source, "'corrections' is not a mapping with placements")
+        for name in data:
+            if name not in _ENTRIES:
+                raise InvalidRobotDefinition(
+                    source, f"corrections.{name} is not one of {', '.join(_ENTRIES)}"
+                )
+        placements = checked_numbers(data["placements"], "corrections.placements", source)
+        check_shape(placements, (dof + 1, 7), "corrections.placements", source)
+        norms = np.linalg.norm(placements[:, 3:], axis=1)
+        if not (
+            np.isfinite(placements).all()
+            and (np.abs(norms - 1.0) <= QUATERNION_NORM_TOLERANCE).all()
+        ):
+            raise InvalidRobotDefinition(
+                source, "corrections.placements are not x, y, z and a unit quaternion each"
+            )
+        parts: dict[str, Any] = {
+            name: part.from_plain_data(data[name], dof, source)
+            for name, part in (
+                ("joint_networks", JointNetworks),
+                ("pose_network", PoseNetwork),
+                ("error_bound", ErrorBound),
+            )
+            if data.get(name) is not None
+        }
+        provenance = data.get("provenance")
+        if provenance is None:
+            provenance = {}
+        if not isinstance(provenance, Mapping):
+            raise InvalidRobotDefinition(source, "corrections.provenance is not a mapping")
+        placements.flags.writeable = False
+        return cls(placements, **parts, provenance=provenance)

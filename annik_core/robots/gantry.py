@@ -1,0 +1,290 @@
+"""The paper's robot: three translations and three rotations, each through a linear transmission.
+
+Equations (1)-(4): every task coordinate is a drive angle times a transmission ratio plus an
+offset. Orientation is roll, pitch, yaw (the paper's psi, theta, phi).
+
+At a pitch of +-90 degrees, an edge of the paper's workspace, only the difference (or the sum) of
+roll and yaw turns the end effector: the drives of roll and yaw may move together without the pose
+changing, and no function of the pose alone can be continuous there. :class:`GantryWorkspace` then
+keeps roll and yaw as close as possible to those of the previous target, or, if there is none, to
+the middle of the workspace. It says so to the network by a pose tilted a tenth of a micro-radian
+away from the edge, where roll and yaw are unique again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from operator import add, le, mul
+from typing import Any
+
+import numpy as np
+
+from annik_core.errors import InvalidRobotDefinition
+from annik_core.pose import (
+    FloatArray,
+    Numbers,
+    difference_of_numbers,
+    pose_from_roll_pitch_yaw,
+    quaternion_from_roll_pitch_yaw,
+    roll_pitch_yaw,
+)
+from annik_core.robots.definition import checked_name, checked_numbers
+from annik_core.robots.joint_limits import JointLimits
+from annik_core.robots.robot import (
+    ForwardKinematics,
+    PoseErrorFunction,
+    ResolvedTarget,
+    Robot,
+    base_frame_error_to,
+    check_joint_count,
+)
+
+TASK_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+#: Rounding allowance at the faces of the workspace [m or rad].
+EDGE_TOLERANCE = 1e-6
+#: Closer than this to a pitch of +-90 degrees, roll and yaw are taken as not unique [rad]: a
+#: quaternion rounded to single precision says no more of them there.
+GIMBAL_TOLERANCE = 1e-5
+#: How far from +-90 degrees the pose given to the network then is at least [rad]; the exported
+#: graph still tells roll and yaw apart at a tenth of it.
+GIMBAL_TILT = 1e-7
+
+_HALF_PI = 0.5 * np.pi
+_FULL_TURN = 2.0 * np.pi
+_ROLL, _PITCH, _YAW = 3, 4, 5
+
+
+@dataclass(frozen=True, eq=False)
+class GantryKinematics(ForwardKinematics):
+    """Direct and inverse kinematics of the gantry, eq. (1)-(4).
+
+    Attributes:
+        joint_names: the six drives, in the order of :data:`TASK_COORDINATES`.
+        ratio: ``(6,)`` task coordinate per drive angle; [m/rad] and [rad/rad].
+        offset: ``(6,)`` task coordinates at drive angle zero; [m] and [rad].
+    """
+
+    joint_names: tuple[str, ...]
+    ratio: FloatArray
+    offset: FloatArray
+
+    def task_coordinates(self, joint_positions: FloatArray) -> FloatArray:
+        """``(n, 6)`` x, y, z [m], roll, pitch, yaw [rad] for drive angles ``(n, 6)``: eq. (1)-(2).
+
+        Raises:
+            WrongJointCount: if the array is not ``(n, 6)``.
+        """
+        check_joint_count(joint_positions, self.joint_names)
+        return joint_positions * self.ratio + self.offset
+
+    def joint_positions(self, task_coordinates: FloatArray) -> FloatArray:
+        """Drive angles ``(n, 6)`` [rad] for task coordinates ``(n, 6)``: eq. (3)-(4)."""
+        return (task_coordinates - self.offset) / self.ratio
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """End-effector poses ``(n, 7)``; see :class:`ForwardKinematics`."""
+        task = self.task_coordinates(joint_positions)
+        if len(task) == 1:
+            # The same, in a tenth of the time: it stands in the way of every command.
+            x, y, z, *angles = task[0].tolist()
+            return np.array([[x, y, z, *quaternion_from_roll_pitch_yaw(*angles)]])
+        return pose_from_roll_pitch_yaw(task[:, :3], task[:, 3:])
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """Geometric Jacobians ``(n, 6, 6)``; see :class:`ForwardKinematics`."""
+        task = self.task_coordinates(joint_positions)
+        pitch, yaw = task[:, 4], task[:, 5]
+        jacobians = np.zeros((len(task), 6, 6))
+        jacobians[:, :3, :3] = np.diag(self.ratio[:3])
+        # The roll axis is x turned by pitch and yaw, the pitch axis is y turned by yaw.
+        jacobians[:, 3, 3] = np.cos(yaw) * np.cos(pitch) * self.ratio[3]
+        jacobians[:, 4, 3] = np.sin(yaw) * np.cos(pitch) * self.ratio[3]
+        jacobians[:, 5, 3] = -np.sin(pitch) * self.ratio[3]
+        jacobians[:, 3, 4] = -np.sin(yaw) * self.ratio[4]
+        jacobians[:, 4, 4] = np.cos(yaw) * self.ratio[4]
+        jacobians[:, 5, 5] = self.ratio[5]
+        return jacobians
+
+    def error_to(self, target: FloatArray) -> PoseErrorFunction:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.error_to`."""
+        return base_frame_error_to(self, target)
+
+    def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.residuals`.
+
+        In Python's own numbers, like all that stands in the way of every command.
+        """
+        ratios, offsets = self._transmissions
+        x, y, z, roll, pitch, yaw = map(add, map(mul, joint_positions.tolist(), ratios), offsets)
+        quaternion = quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
+        position, rotation = difference_of_numbers(target.tolist(), [x, y, z, *quaternion])
+        return math.hypot(*position), math.hypot(*rotation)
+
+    @cached_property
+    def _transmissions(self) -> tuple[list[float], list[float]]:
+        return self.ratio.tolist(), self.offset.tolist()
+
+
+@dataclass(frozen=True, eq=False)
+class GantryWorkspace:
+    """The box of task coordinates that the working joint box reaches.
+
+    Attributes:
+        kinematics: the gantry's.
+        lower: ``(6,)`` least x, y, z [m], roll, pitch, yaw [rad].
+        upper: ``(6,)`` greatest.
+    """
+
+    kinematics: GantryKinematics
+    lower: FloatArray
+    upper: FloatArray
+
+    def reference(self, joint_positions: FloatArray) -> FloatArray:
+        """Roll, pitch, yaw ``(3,)`` [rad] at joint positions ``(6,)``."""
+        task = self.kinematics.task_coordinates(joint_positions[np.newaxis])
+        return task[0, 3:]
+
+    def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
+        """See :meth:`Workspace.resolve`; the reference is roll, pitch, yaw."""
+        x, y, z, *quaternion = pose.tolist()
+        angles = roll_pitch_yaw(quaternion)
+        if _HALF_PI - abs(angles[1]) >= GIMBAL_TOLERANCE:
+            return ResolvedTarget(pose, self._violation([x, y, z, *angles]), angles, angles)
+        if reference is None:
+            reference = 0.5 * (self.lower[3:] + self.upper[3:])
+        tilted = _tilted_off_the_edge(angles, reference, self.lower[3:], self.upper[3:])
+        numbers = tilted.tolist()
+        pose = np.array([x, y, z, *quaternion_from_roll_pitch_yaw(*numbers)])
+        return ResolvedTarget(pose, self._violation([x, y, z, *numbers]), tilted)
+
+    def _violation(self, task: list[float]) -> str | None:
+        least, greatest = self._least_tolerated
+        if all(map(le, least, task)) and all(map(le, task, greatest)):
+            return None
+        # A rounded quaternion moves roll and yaw the more, the closer the pitch is to the edge,
+        # though it turns the end effector no further.
+        turning = EDGE_TOLERANCE / max(math.cos(task[_PITCH]), GIMBAL_TOLERANCE)
+        lower, upper = self._bounds
+        for axis, value in enumerate(task):
+            tolerance = turning if axis in (_ROLL, _YAW) else EDGE_TOLERANCE
+            if not lower[axis] - tolerance <= value <= upper[axis] + tolerance:
+                unit = "m" if axis < 3 else "rad"
+                return (
+                    f"{TASK_COORDINATES[axis]} is {value:.6g} {unit}, the workspace is "
+                    f"[{lower[axis]:.6g}, {upper[axis]:.6g}] {unit}"
+                )
+        return None
+
+    @cached_property
+    def _bounds(self) -> tuple[list[float], list[float]]:
+        return self.lower.tolist(), self.upper.tolist()
+
+    @cached_property
+    def _least_tolerated(self) -> tuple[list[float], list[float]]:
+        """Bounds between which a task coordinate is in the workspace at any pitch."""
+        return (self.lower - EDGE_TOLERANCE).tolist(), (self.upper + EDGE_TOLERANCE).tolist()
+
+
+def _tilted_off_the_edge(
+    angles: Numbers, reference: Numbers, lower: FloatArray, upper: FloatArray
+) -> FloatArray:
+    """The equivalent roll and yaw nearest the reference, with the pitch just off +-90 degrees.
+
+    If some equivalent roll and yaw are between ``lower`` and ``upper``, the nearest of these.
+    """
+    roll, pitch, yaw = angles
+    side = 1.0 if pitch > 0 else -1.0
+    # At the edge only this combination turns the end effector; it is known up to full turns.
+    combined = yaw - side * roll
+    wanted = reference[2] - side * reference[0]
+    nearest = combined + _FULL_TURN * np.round((wanted - combined) / _FULL_TURN)
+    candidates = []
+    for turned in nearest + _FULL_TURN * np.array([0.0, -1.0, 1.0]):
+        candidate_roll = reference[0] - side * 0.5 * (turned - wanted)
+        # The rolls that keep both angles inside, yaw being turned + side * roll.
+        yaw_bounds = sorted((side * (lower[2] - turned), side * (upper[2] - turned)))
+        least, greatest = max(lower[0], yaw_bounds[0]), min(upper[0], yaw_bounds[1])
+        inside = least <= greatest + EDGE_TOLERANCE
+        if inside:
+            candidate_roll = min(max(candidate_roll, least), greatest)
+        distance = abs(candidate_roll - reference[0])
+        candidates.append((not inside, distance, candidate_roll, turned))
+    _, _, roll, combined = min(candidates)
+    tilted = min(abs(pitch), _HALF_PI - GIMBAL_TILT)
+    return np.array([roll, side * tilted, combined + side * roll])
+
+
+def gantry_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
+    """The gantry that a definition describes.
+
+    Args:
+        definition: ``name``, ``base_frame``, ``end_effector_frame`` and ``joints``, a list of six
+            in the order of :data:`TASK_COORDINATES`, each with ``name``, ``limits``, ``box``
+            (pairs, drive angle [rad]), ``ratio`` and ``offset``.
+        source: what to call the definition in an error.
+
+    Raises:
+        InvalidRobotDefinition: naming what is missing or wrong.
+    """
+    try:
+        joints = list(definition["joints"])
+        names = tuple(checked_name(joint["name"], "a joint's name", source) for joint in joints)
+        limits, box, ratio, offset = (
+            checked_numbers([joint[key] for joint in joints], key, source)
+            for key in ("limits", "box", "ratio", "offset")
+        )
+        name, base_frame, end_effector_frame = (
+            checked_name(definition[key], key, source)
+            for key in ("name", "base_frame", "end_effector_frame")
+        )
+    except KeyError as error:
+        raise InvalidRobotDefinition(source, f"{error} is missing") from error
+    except TypeError as error:
+        raise InvalidRobotDefinition(source, f"malformed: {error}") from error
+    shapes = [entry.shape for entry in (limits, box, ratio, offset)]
+    if shapes != [(6, 2), (6, 2), (6,), (6,)]:
+        raise InvalidRobotDefinition(
+            source,
+            "a gantry has six joints, each with 'limits' and 'box' as [lower, upper], 'ratio' "
+            "and 'offset' as one number",
+        )
+    if len(set(names)) != len(names):
+        raise InvalidRobotDefinition(source, f"joint names are not unique: {', '.join(names)}")
+    if not (np.isfinite(ratio).all() and np.isfinite(offset).all() and (ratio != 0).all()):
+        raise InvalidRobotDefinition(source, "every ratio must be finite and not 0")
+    joint_limits = JointLimits.from_bounds(names, limits[:, 0], limits[:, 1])
+    joint_box = JointLimits.from_bounds(names, box[:, 0], box[:, 1])
+    if not (joint_limits.contains(joint_box.lower) and joint_limits.contains(joint_box.upper)):
+        raise InvalidRobotDefinition(source, "a joint's box is not inside its limits")
+    kinematics = GantryKinematics(names, ratio, offset)
+    with np.errstate(over="ignore", invalid="ignore"):
+        corners = kinematics.task_coordinates(np.stack([joint_box.lower, joint_box.upper]))
+    if not np.isfinite(corners).all():
+        raise InvalidRobotDefinition(source, "a ratio or offset is too large: no finite workspace")
+    workspace = GantryWorkspace(kinematics, corners.min(axis=0), corners.max(axis=0))
+    if max(abs(workspace.lower[_PITCH]), abs(workspace.upper[_PITCH])) > _HALF_PI + 1e-9:
+        raise InvalidRobotDefinition(
+            source, "the pitch leaves [-90, 90] degrees: beyond it roll and yaw are not unique"
+        )
+    if np.abs(corners[:, [_ROLL, _YAW]]).max() > np.pi + 1e-9:
+        # A pose does not tell an angle from the same after a full turn.
+        raise InvalidRobotDefinition(
+            source, "the roll or yaw leaves [-180, 180] degrees: poses beyond it would be refused"
+        )
+    return Robot(
+        name=name,
+        kind="gantry",
+        joint_names=names,
+        joint_types=("revolute",) * 6,
+        joint_limits=joint_limits,
+        joint_box=joint_box,
+        base_frame=base_frame,
+        end_effector_frame=end_effector_frame,
+        forward_kinematics=kinematics,
+        workspace=workspace,
+        definition=definition,
+    )

@@ -1,0 +1,172 @@
+"""Find and load robots: packaged ones by name, others by the path of their definition."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from annik_core.errors import InvalidRobotDefinition, UnknownRobot
+from annik_core.installation import share_directory
+from annik_core.robots.arm import arm_from_definition
+from annik_core.robots.definition import checked_name
+from annik_core.robots.gantry import gantry_from_definition
+from annik_core.robots.robot import Robot
+from annik_core.robots.urdf import BYTE_ORDER_MARK
+
+_KINDS = {"arm": arm_from_definition, "gantry": gantry_from_definition}
+#: A definition is a few levels deep; one of many more, or that holds itself, is none.
+_MAX_DEPTH = 16
+
+
+def packaged_robots() -> tuple[str, ...]:
+    """Names of the robots that come with annik."""
+    return tuple(sorted(path.stem for path in (share_directory() / "robots").glob("*.yaml")))
+
+
+def load_robot(
+    source: str | Path,
+    *,
+    base_frame: str | None = None,
+    end_effector_frame: str | None = None,
+    joint_box: Mapping[str, Sequence[float]] | None = None,
+) -> Robot:
+    """A robot by name, by the path of its definition or URDF, or by the text of a URDF.
+
+    Args:
+        source: a packaged robot's name, the path of a definition (.yaml) or a URDF (.urdf or
+            .xml), or the text that the parameter ``robot_description`` has.
+        base_frame: of an arm: the link that poses are given in; left out, the definition's, or
+            else the root of the URDF.
+        end_effector_frame: of an arm: the link whose pose it is; left out, the definition's, or
+            else the tip of the URDF, if it has only one.
+        joint_box: of an arm: the working box, [lower, upper] of joints by name [rad or m]; equal
+            bounds lock a joint. It goes before the definition's, joint by joint.
+
+    Raises:
+        UnknownRobot: if there is no such robot or file; lists the packaged names.
+        InvalidRobotDefinition: if the definition can't be read or used.
+        MissingDependency: if it is an arm and Pinocchio is not installed.
+    """
+    definition, name = _definition(source)
+    given: dict[str, Any] = {
+        "base_frame": base_frame,
+        "end_effector_frame": end_effector_frame,
+        "joint_box": joint_box,
+    }
+    given = {key: value for key, value in given.items() if value is not None}
+    if given:
+        if not isinstance(definition, Mapping) or definition.get("kind") != "arm":
+            raise InvalidRobotDefinition(name, f"{next(iter(given))} can be given for an arm only")
+        known_box = definition.get("joint_box")
+        if isinstance(known_box, Mapping):
+            if base_frame is not None or end_effector_frame is not None:
+                known_box = _box_of_chain(known_box, {**definition, **given}, name)
+            given["joint_box"] = {**known_box, **(joint_box or {})}
+        definition = {**definition, **given}
+    return robot_from_definition(definition, name)
+
+
+def _box_of_chain(
+    box: Mapping[str, Any], definition: Mapping[str, Any], source: str
+) -> dict[str, Any]:
+    """The part of a definition's joint box that is left between other frames than its own."""
+    whole = robot_from_definition({**definition, "joint_box": None}, source)
+    return {joint: bounds for joint, bounds in box.items() if joint in whole.joint_names}
+
+
+def _definition(source: str | Path) -> tuple[Any, str]:
+    """What describes the robot, as read, and what to call it in an error."""
+    if isinstance(source, str) and source.removeprefix(BYTE_ORDER_MARK).lstrip().startswith("<"):
+        return {"kind": "arm", "urdf": source}, "robot_description"
+    path = Path(source)
+    if path.suffix not in (".yaml", ".yml", ".urdf", ".xml"):
+        path = share_directory() / "robots" / f"{source}.yaml"
+    if not _is_file(path):
+        raise UnknownRobot(str(source), packaged_robots())
+    if path.suffix in (".urdf", ".xml"):
+        return {"kind": "arm", "urdf": _text(path, path)}, str(path)
+    try:
+        definition = yaml.safe_load(_text(path, path))
+    except InvalidRobotDefinition:
+        raise
+    # Besides YAMLError, PyYAML lets through whatever an ill-formed date, number or tag runs into.
+    except Exception as error:
+        raise InvalidRobotDefinition(str(path), f"not readable as YAML: {error}") from error
+    if isinstance(definition, dict) and "urdf_file" in definition:
+        urdf_file = checked_name(definition.pop("urdf_file"), "urdf_file", str(path))
+        definition["urdf"] = _text(path.parent / urdf_file, path)
+    return definition, str(path)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # such as a name that is too long for one
+        return False
+
+
+def _text(path: Path, definition: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise InvalidRobotDefinition(str(definition), f"there is no file {path}") from error
+    except (OSError, ValueError) as error:
+        raise InvalidRobotDefinition(str(definition), f"{path} can't be read: {error}") from error
+
+
+def robot_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
+    """The robot that a definition describes, such as the one inside a model file.
+
+    Args:
+        definition: plain data, as JSON has it: a mapping with ``kind`` and what that kind needs.
+            The robot keeps a copy.
+        source: what to call the definition in an error.
+
+    Raises:
+        InvalidRobotDefinition: naming what is missing or wrong.
+    """
+    if not isinstance(definition, Mapping):
+        raise InvalidRobotDefinition(source, "not a mapping of names to values")
+    # A model file carries it as JSON, and its hash is taken of that.
+    plain = {key: _plain_data(value, str(key), source) for key, value in definition.items()}
+    _check_keys(plain, "the definition", source)
+    kind = plain.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise InvalidRobotDefinition(
+            source, f"kind is {kind!r}; known kinds: {', '.join(sorted(_KINDS))}"
+        )
+    return _KINDS[kind](plain, source)
+
+
+def _plain_data(value: Any, where: str, source: str, depth: int = 1) -> Any:
+    """A copy, if it is what JSON can hold and gives back unchanged."""
+    if depth > _MAX_DEPTH:
+        raise InvalidRobotDefinition(source, f"nested deeper than {_MAX_DEPTH} levels: {where}")
+    if isinstance(value, Mapping):
+        _check_keys(value, where, source)
+        return {
+            key: _plain_data(item, f"{where}.{key}", source, depth + 1)
+            for key, item in value.items()
+        }
+    if isinstance(value, (list, tuple)):
+        return [
+            _plain_data(item, f"{where}[{index}]", source, depth + 1)
+            for index, item in enumerate(value)
+        ]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InvalidRobotDefinition(source, f"{where} is {value}: not finite")
+    if value is None or isinstance(value, (str, bool, int, float)):
+        return value
+    raise InvalidRobotDefinition(
+        source, f"{where} is a {type(value).__name__}, not a text, number, list or mapping"
+    )
+
+
+def _check_keys(mapping: Mapping[Any, Any], where: str, source: str) -> None:
+    for key in mapping:
+        if not isinstance(key, str):
+            raise InvalidRobotDefinition(source, f"{where} has a key that is not text: {key!r}")

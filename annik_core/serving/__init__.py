@@ -1,0 +1,1 @@
+"""A stream of targets, without ROS: answers, statistics, stamps."""

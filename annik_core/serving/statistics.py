@@ -1,0 +1,165 @@
+"""Counts of outcomes, and percentiles of solve times and residuals.
+
+Count what became of everything that was received.
+
+Counts of targets by outcome, and percentiles of the latest times and expected errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from annik_core.solver.result import IkResult
+
+
+@dataclass(frozen=True)
+class OutcomeSummary:
+    """Counts since the start, and what the last period adds to them.
+
+    Attributes:
+        received: ``accepted + refused``, exactly.
+        accepted: how many were acted on.
+        refused: how many were not.
+        refused_by_reason: the refused ones by reason, in the order of first occurrence.
+        accepted_in_period: how many were accepted in the last period.
+        refused_in_period: how many were refused in the last period.
+        rate: received per second in the last period [Hz]; 0 if it had no duration.
+        last_refusal: why the latest one was refused, in one line; empty if none was.
+    """
+
+    received: int
+    accepted: int
+    refused: int
+    refused_by_reason: dict[str, int]
+    accepted_in_period: int
+    refused_in_period: int
+    rate: float
+    last_refusal: str
+
+
+class OutcomeCounts:
+    """Counts outcomes; every item received is recorded once, as accepted or as refused."""
+
+    def __init__(self, now: float) -> None:
+        """Start counting, and the first period, at ``now`` [s] of a clock that never goes back."""
+        self._accepted = 0
+        self._refused: Counter[str] = Counter()
+        self._last_refusal = ""
+        self._period_start = now
+        self._accepted_before = 0
+        self._refused_before = 0
+
+    def record_accepted(self) -> None:
+        """Count one that was acted on."""
+        self._accepted += 1
+
+    def record_refused(self, reason: str, explanation: str) -> None:
+        """Count one that was refused, for a ``reason`` from a short list, explained in a line."""
+        self._refused[reason] += 1
+        self._last_refusal = explanation
+
+    def end_period(self, now: float) -> OutcomeSummary:
+        """Sum up, and begin a new period at ``now`` [s]."""
+        refused = sum(self._refused.values())
+        received = self._accepted + refused
+        duration = now - self._period_start
+        summary = OutcomeSummary(
+            received=received,
+            accepted=self._accepted,
+            refused=refused,
+            refused_by_reason=dict(self._refused),
+            accepted_in_period=self._accepted - self._accepted_before,
+            refused_in_period=refused - self._refused_before,
+            rate=(received - self._accepted_before - self._refused_before) / duration
+            if duration > 0
+            else 0.0,
+            last_refusal=self._last_refusal,
+        )
+        self._period_start = now
+        self._accepted_before = self._accepted
+        self._refused_before = refused
+        return summary
+
+
+#: How many of the latest times the percentiles are taken over.
+WINDOW = 1000
+
+
+class Percentiles(NamedTuple):
+    """Of the latest values; NaN before the first."""
+
+    p50: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class SolveSummary:
+    """What became of the targets, and how long the latest ones took.
+
+    Attributes:
+        outcomes: counts of the targets.
+        solve_time: time to answer a target.
+        latency: time from the arrival of an accepted target to its command.
+        expected_error: expected position errors of the latest accepted ones [m]; NaN if nobody
+            knows.
+    """
+
+    outcomes: OutcomeSummary
+    solve_time: Percentiles
+    latency: Percentiles
+    expected_error: Percentiles
+
+
+class SolveStatistics:
+    """Records the answers of a solver."""
+
+    def __init__(self, now: float, window: int = WINDOW) -> None:
+        """Start counting at ``now`` [s] of a clock that never goes back.
+
+        Args:
+            now: start of the first period [s].
+            window: how many of the latest times to keep; at least 1.
+        """
+        self._outcomes = OutcomeCounts(now)
+        self._solve_times: deque[float] = deque(maxlen=max(1, window))
+        self._latencies: deque[float] = deque(maxlen=max(1, window))
+        self._expected_errors: deque[float] = deque(maxlen=max(1, window))
+
+    def record(self, result: IkResult, solve_time: float | None = None) -> None:
+        """Count one answer and the time that it took [s], if that is one target's."""
+        if solve_time is not None:
+            self._solve_times.append(solve_time)
+        if result.accepted:
+            self._outcomes.record_accepted()
+            if math.isnan(result.expected_position_error):
+                # Another model than before, of which nobody knows.
+                self._expected_errors.clear()
+            else:
+                self._expected_errors.append(result.expected_position_error)
+        else:
+            self._outcomes.record_refused(result.status.value, result.reason)
+
+    def record_latency(self, latency: float) -> None:
+        """Note the time from the arrival of an accepted target to its command [s]."""
+        self._latencies.append(latency)
+
+    def end_period(self, now: float) -> SolveSummary:
+        """Sum up, and begin a new period at ``now`` [s]."""
+        return SolveSummary(
+            self._outcomes.end_period(now),
+            _percentiles(self._solve_times),
+            _percentiles(self._latencies),
+            _percentiles(self._expected_errors),
+        )
+
+
+def _percentiles(values: deque[float]) -> Percentiles:
+    if not values:
+        return Percentiles(math.nan, math.nan, math.nan)
+    return Percentiles(*np.percentile(values, [50, 99, 100]).tolist())

@@ -1,0 +1,1 @@
+"""Simulated robots, perfect or not."""

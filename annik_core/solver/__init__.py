@@ -1,0 +1,1 @@
+"""The solver: pose to joint positions, refined and checked."""

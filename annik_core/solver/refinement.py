@@ -1,0 +1,214 @@
+"""Polish a network's answer on the forward kinematics, in a bounded number of steps.
+
+Each step solves min |J dq - e|^2 + (c |e|^2 + b) |dq|^2 for the twist e that is missing, in
+metres and radians [Sugihara2011]_: far from the target it is damped and so never wild, near it is
+Newton's and converges quadratically. The working joint box holds throughout: where a step would
+take joints out, they stop at their bounds, and the others are solved for again with what is then
+left of e. No step is random, and no step is taken back, so the same start and target give the same
+answer in the same time.
+
+If a search stops short of the target, it began on the wrong side of a singularity. It begins anew
+beyond it, see :mod:`annik_core.solver.singularity`: across the fold from where it began and from
+where it ended, the start that is nearer to the target first. The steps of all searches count
+together.
+
+References:
+    [Sugihara2011] T. Sugihara: Solvability-unconcerned inverse kinematics by the
+    Levenberg-Marquardt method. IEEE Transactions on Robotics 27(5), 2011.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.blas import dsyrk
+from scipy.linalg.lapack import dgesv, dposv
+
+from annik_core.pose import FloatArray
+from annik_core.robots.joint_limits import JointLimits
+from annik_core.robots.robot import ForwardKinematics, PoseErrorFunction
+from annik_core.solver.options import Refined, RefinementOptions
+from annik_core.solver.singularity import reflected_across_fold
+
+#: c, the damping for an error of 1 m or 1 rad.
+_DAMPING = 0.01
+#: Below this squared error [m^2 and rad^2] a Newton step is tried first, without damping: it is
+#: quicker to compute,
+_NEAR = 0.01
+#: and taken if its squared length is below this [rad^2 or m^2], as it is not at a singularity.
+_SHORT = 0.04
+#: b, which keeps the system solvable at a singularity.
+_LEAST_DAMPING = 1e-12
+#: Identity matrices by size.
+_IDENTITY = [np.eye(size, order="F") for size in range(33)]
+#: Steps before a search may count as stuck; the first ones may lead around a bend.
+_PATIENCE = 3
+#: Stuck: a step leaves more than this part of the squared error.
+_STUCK = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """Polishes joint positions for one robot.
+
+    Attributes:
+        kinematics: the robot's forward kinematics.
+        box: the working joint box; locked joints have equal bounds.
+        options: how far to polish.
+    """
+
+    kinematics: ForwardKinematics
+    box: JointLimits
+    options: RefinementOptions = RefinementOptions()
+
+    def refined(self, start: FloatArray, target: FloatArray) -> Refined:
+        """The solution for a target ``(7,)`` that a search from ``start`` ``(dof,)`` finds.
+
+        Args:
+            start: joint positions, usually the network's answer; moved into the box first. If they
+                are not finite, nothing is searched.
+            target: a checked pose.
+        """
+        function = self.kinematics.error_to(target)
+        begin = self._projected(start)
+        result = self._search(function, begin, self.options.max_newton_steps)
+        lost = math.isnan(result.position_residual)
+        if lost or result.converged or result.newton_steps == self.options.max_newton_steps:
+            return result
+        return self._beyond_the_fold(function, begin, result)
+
+    def _beyond_the_fold(
+        self, function: PoseErrorFunction, begin: FloatArray, first: Refined
+    ) -> Refined:
+        """Search anew on the other side of the nearest folds, with the steps that are left."""
+        known = [begin, first.joint_positions]
+        for positions in tuple(known):
+            beyond = self._projected(
+                reflected_across_fold(jacobian_of(function), positions, self.box.free)
+            )
+            # Where there is no fold it would be the same search again.
+            if not any(np.array_equal(beyond, other) for other in known):
+                known.append(beyond)
+        starts = sorted(
+            known[2:], key=lambda start: float(np.linalg.norm(function.error(start).twist))
+        )
+        steps = first.newton_steps
+        for start in starts:
+            result = self._search(function, start, self.options.max_newton_steps - steps)
+            steps += result.newton_steps
+            if result.converged:
+                return result._replace(newton_steps=steps)
+        # What did not converge is reported as it was, without the detours.
+        return first._replace(newton_steps=steps)
+
+    def _search(self, function: PoseErrorFunction, start: FloatArray, most: int) -> Refined:
+        positions, last, steps = start, math.inf, 0
+        close = self.options.tolerance**2
+        while True:
+            twist, jacobian = function.linearised(positions)
+            squared = float(twist.dot(twist))
+            stuck = steps >= _PATIENCE and squared > _STUCK * last
+            # Not '<=': NaN ends it too.
+            if not squared > close or steps >= most or stuck:
+                break
+            step = self._step(jacobian, twist, squared, positions)
+            if step is None:
+                break
+            positions, last = step, squared
+            steps += 1
+        position, orientation = function.residuals()
+        tolerance = self.options.tolerance
+        converged = position <= tolerance and orientation <= tolerance
+        return Refined(positions, position, orientation, steps, converged)
+
+    def _step(
+        self, jacobian: FloatArray, twist: FloatArray, squared: float, positions: FloatArray
+    ) -> FloatArray | None:
+        """Joint positions one step on, inside the box; None if there is no such step."""
+        moving = self.box.free
+        some_locked = len(moving) < len(positions)
+        if some_locked:
+            jacobian = jacobian[:, moving]
+        motion = _short_newton_step(jacobian, twist) if squared < _NEAR else None
+        damping = _DAMPING * squared + _LEAST_DAMPING
+        if motion is None:
+            motion = _damped_least_squares(jacobian, twist, damping)
+        if motion is None:
+            return None
+        if some_locked:
+            candidate = positions.copy()
+            candidate[moving] += motion
+        else:
+            candidate = positions + motion
+        if self.box.contains(candidate):
+            return candidate
+        return self._bounded_step(jacobian, twist, damping, positions, candidate)
+
+    def _bounded_step(
+        self,
+        jacobian: FloatArray,
+        twist: FloatArray,
+        damping: float,
+        positions: FloatArray,
+        candidate: FloatArray,
+    ) -> FloatArray | None:
+        """The step with the joints that would leave the box stopped at their bounds.
+
+        Args:
+            jacobian: ``(6, free)``.
+            twist: ``(6,)`` what is missing.
+            damping: of the least squares.
+            positions: ``(dof,)`` where the step begins.
+            candidate: ``(dof,)`` where it would end without the box; is changed.
+        """
+        lower, upper = self.box.lower, self.box.upper
+        moving, columns = self.box.free, np.arange(len(self.box.free))
+        for _ in range(len(self.box.free)):
+            outside = (candidate[moving] < lower[moving]) | (candidate[moving] > upper[moving])
+            if not outside.any():
+                break
+            stopped = moving[outside]
+            candidate[stopped] = np.clip(candidate[stopped], lower[stopped], upper[stopped])
+            travelled = candidate[stopped] - positions[stopped]
+            twist = twist - jacobian[:, columns[outside]] @ travelled
+            moving, columns = moving[~outside], columns[~outside]
+            if len(moving) == 0:
+                break
+            motion = _damped_least_squares(jacobian[:, columns], twist, damping)
+            if motion is None:
+                return None
+            candidate[moving] = positions[moving] + motion
+        return candidate
+
+    def _projected(self, joint_positions: FloatArray) -> FloatArray:
+        projected: FloatArray = np.minimum(
+            np.maximum(joint_positions, self.box.lower), self.box.upper
+        )
+        return projected
+
+
+def jacobian_of(function: PoseErrorFunction) -> Callable[[FloatArray], FloatArray]:
+    """The Jacobian ``(6, dof)`` alone as a function of joint positions ``(dof,)``."""
+    return lambda joint_positions: function.linearised(joint_positions)[1]
+
+
+def _short_newton_step(jacobian: FloatArray, twist: FloatArray) -> FloatArray | None:
+    """The motion of J dq = e, if there is one and it is short: then no damping is needed."""
+    if len(twist) != jacobian.shape[1]:
+        return None
+    _, _, motion, fault = dgesv(jacobian, twist)
+    return motion if not fault and motion.dot(motion) < _SHORT else None
+
+
+def _damped_least_squares(
+    jacobian: FloatArray, twist: FloatArray, damping: float
+) -> FloatArray | None:
+    """The motion of least |J dq - e|^2 + damping |dq|^2; None if it can't be computed."""
+    transposed = jacobian.T
+    # Of several ways to write this, all equal, the quickest for matrices as small as these.
+    normal = dsyrk(1.0, transposed, damping, _IDENTITY[len(transposed)])
+    _, motion, fault = dposv(normal, transposed.dot(twist), overwrite_a=1, overwrite_b=1)
+    return None if fault else motion

@@ -1,0 +1,1 @@
+"""bag_recorder: records annik's topics to a bag."""

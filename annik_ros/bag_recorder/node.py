@@ -1,0 +1,296 @@
+"""The node that records topics of annik, or any others, into a bag."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from datetime import datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Final
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.validate_topic_name import validate_topic_name
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+
+from annik_core.errors import AnnikError, BagNotWritable
+from annik_ros.bag_recorder.parameters import BagRecorderParameters
+from annik_ros.declare_parameters import declare_parameters
+from annik_ros.run_node import initialise, one_line
+from msg_tools.bags.types import is_known_type
+from msg_tools.bags.writer import FLUSH_INTERVAL, BagWriter
+from msg_tools.topics import TOPICS
+
+NODE_NAME: Final = "bag_recorder"
+
+#: Messages that wait in a subscription while the disk is slow.
+QUEUE_DEPTH: Final = 1000
+
+_TYPES: Final = {topic.name: topic.type for topic in TOPICS}
+
+
+class TypeNotRecordable(AnnikError):
+    """Messages of a type can't be received, or not be described in a bag."""
+
+    def __init__(self, message_type: str, reason: str) -> None:
+        self.message_type = message_type
+        super().__init__(f"{message_type} {reason}")
+
+
+class BagRecorder(Node):
+    """Subscribes to topics and writes what comes, undecoded, with send and receive times.
+
+    Attributes:
+        finished: a future that is done, with the exit code, when recording is over by itself.
+    """
+
+    def __init__(self) -> None:
+        """Create the bag and subscribe to what has a known type.
+
+        Raises:
+            AnnikError: if a parameter is wrong or the bag can't be created.
+        """
+        super().__init__(NODE_NAME)
+        options = declare_parameters(self, BagRecorderParameters)
+        self.finished: Future[int] = Future()
+        self._subscriptions_by_topic: dict[str, Subscription] = {}
+        self._types: dict[str, str] = {}
+        self._incompatible: set[str] = set()
+        self._last_log_time = 0
+        self._ready_at: float | None = None
+        self._warned_of_waiting = False
+        self._waiting = {self._resolved(name): _TYPES.get(name) for name in options.topics}
+        self._duration = options.duration
+        default_output = f"annik_bag_{datetime.now():%Y-%m-%d_%H-%M-%S}"
+        self._writer = BagWriter(Path(options.output or default_output))
+        # A steady clock, so that neither simulated time nor a set clock stops the flushing.
+        self._timer = self.create_timer(
+            FLUSH_INTERVAL, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self._subscribe_to_known_types()
+
+    def close_bag(self) -> None:
+        """Close the bag; needs no valid ROS context.
+
+        Raises:
+            BagNotWritable: if the disk refuses.
+        """
+        self._writer.close()
+
+    @property
+    def summary(self) -> str:
+        """What was recorded, in one line."""
+        return f"recorded {self._writer.message_count} messages to {self._writer.directory}"
+
+    def _resolved(self, name: str) -> str:
+        # Checked first: resolving a wrong name fails without saying which one it was.
+        validate_topic_name(name)
+        return self.resolve_topic_name(name)
+
+    def _on_timer(self) -> None:
+        if self.finished.done():
+            return
+        if self._waiting:
+            self._learn_types()
+            self._subscribe_to_known_types()
+        for topic in tuple(self._incompatible):
+            self._incompatible.discard(topic)
+            self._subscribe(topic, self._types[topic])
+        try:
+            self._writer.flush()
+        except BagNotWritable as error:
+            self._give_up(error)
+            return
+        if (
+            self._ready_at is not None
+            and 0.0 < self._duration <= time.monotonic() - self._ready_at
+        ):
+            self.finished.set_result(0)
+
+    def _learn_types(self) -> None:
+        in_graph = dict(self.get_topic_names_and_types())
+        for topic in self._waiting:
+            if self._waiting[topic] is None and in_graph.get(topic):
+                self._waiting[topic] = in_graph[topic][0]
+
+    def _subscribe_to_known_types(self) -> None:
+        known = {topic: name for topic, name in self._waiting.items() if name is not None}
+        for topic, message_type in known.items():
+            del self._waiting[topic]
+            try:
+                self._subscribe(topic, message_type)
+            except TypeNotRecordable as error:
+                self.get_logger().error(f"{topic} is not recorded: {error}")
+        if self._waiting and not self._warned_of_waiting:
+            self._warned_of_waiting = True
+            self.get_logger().info(
+                f"waiting for a publisher of {', '.join(self._waiting)} to learn its type"
+            )
+        if not self._waiting and self._ready_at is None:
+            self._ready_at = time.monotonic()
+            self.get_logger().info(
+                f"recording {len(self._subscriptions_by_topic)} topics to {self._writer.directory}"
+            )
+
+    def _subscribe(self, topic: str, message_type: str) -> None:
+        """Subscribe in a way that suits the publishers there are; replaces an earlier one.
+
+        Raises:
+            TypeNotRecordable: if messages of this type can't be received or stored.
+        """
+        message_class = _message_class(message_type)
+        earlier = self._subscriptions_by_topic.pop(topic, None)
+        if earlier is not None:
+            self.destroy_subscription(earlier)
+        self._types[topic] = message_type
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=lambda _: self._incompatible.add(topic)
+        )
+        self._subscriptions_by_topic[topic] = self.create_subscription(
+            message_class,
+            topic,
+            # rclpy counts the arguments: two ask for the times of the message too.
+            lambda message, info: self._on_message(topic, message, info),
+            _subscription_qos(self.get_publishers_info_by_topic(topic)),
+            event_callbacks=events,
+            raw=True,
+        )
+
+    def _on_message(self, topic: str, message: bytes, info: dict[str, int]) -> None:
+        if self.finished.done():
+            return
+        # Never backwards, also if the clock is set: readers of unfinished bags rely on the order.
+        self._last_log_time = max(time.time_ns(), self._last_log_time)
+        try:
+            if topic not in self._writer:
+                publishers = self.get_publishers_info_by_topic(topic)
+                offered = [_qos(publisher.qos_profile) for publisher in publishers]
+                self._writer.add_topic(topic, self._types[topic], offered)
+            self._writer.write(
+                topic,
+                bytes(message),
+                self._last_log_time,
+                info.get("source_timestamp") or self._last_log_time,
+            )
+        except BagNotWritable as error:
+            self._give_up(error)
+
+    def _give_up(self, error: BagNotWritable) -> None:
+        self.get_logger().fatal(f"recording stopped: {error}")
+        self.finished.set_result(1)
+
+
+def _message_class(message_type: str) -> type[object]:
+    if not is_known_type(message_type):
+        raise TypeNotRecordable(
+            message_type, "does not come with ROS 2 Jazzy; record it with 'ros2 bag record'"
+        )
+    package, folder, name = message_type.split("/")
+    try:
+        message_class: type[object] = getattr(import_module(f"{package}.{folder}"), name)
+    # Of the packages that come with Jazzy, a machine may have only some.
+    except (ImportError, AttributeError) as error:
+        raise TypeNotRecordable(
+            message_type, f"is not installed here: {one_line(error)}"
+        ) from error
+    return message_class
+
+
+def _subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
+    """Quality of service that all publishers can serve, as good as they allow."""
+    profiles = [publisher.qos_profile for publisher in publishers]
+    best_effort = any(x.reliability == ReliabilityPolicy.BEST_EFFORT for x in profiles)
+    latched = bool(profiles) and all(
+        x.durability == DurabilityPolicy.TRANSIENT_LOCAL for x in profiles
+    )
+    return QoSProfile(
+        depth=QUEUE_DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _qos(profile: QoSProfile) -> Qos:
+    """A publisher's quality of service in the form in which a bag keeps it."""
+    return Qos(
+        history=QosHistory[profile.history.name],
+        depth=profile.depth,
+        reliability=QosReliability[profile.reliability.name],
+        durability=QosDurability[profile.durability.name],
+        deadline=_qos_time(profile.deadline),
+        lifespan=_qos_time(profile.lifespan),
+        liveliness=QosLiveliness[profile.liveliness.name],
+        liveliness_lease_duration=_qos_time(profile.liveliness_lease_duration),
+        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
+    )
+
+
+def _qos_time(duration: Duration) -> QosTime:
+    return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Record until interrupted, for the wanted time, or until the disk refuses.
+
+    Args:
+        args: command line, as ``rclpy.init`` takes it.
+
+    Returns:
+        0, or 1 if the command line is wrong or the bag could not be written.
+    """
+    if not initialise(NODE_NAME, args):
+        return 1
+    recorder: BagRecorder | None = None
+    errors: list[Exception] = []
+    exit_code = 0
+    try:
+        recorder = BagRecorder()
+        # Not EventsExecutor: on Jazzy it can't call back with a message's times.
+        rclpy.spin_until_future_complete(recorder, recorder.finished)
+        exit_code = recorder.finished.result() or 0
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (AnnikError, NameValidationException) as error:
+        errors.append(error)
+    except RuntimeError:
+        # Interrupted while still starting: rclpy's calls fail in ways of their own.
+        if rclpy.ok():
+            raise
+    summary = None
+    if recorder is not None:
+        try:
+            recorder.close_bag()
+            summary = recorder.summary
+        except BagNotWritable as error:
+            errors.append(error)
+        # Before the last words: a node that is gone does not try to publish them to /rosout.
+        recorder.destroy_node()
+    logger = rclpy.logging.get_logger(NODE_NAME)
+    for problem in errors:
+        logger.fatal(one_line(problem))
+    if summary is not None:
+        logger.info(summary)
+    rclpy.try_shutdown()
+    return 1 if errors else exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

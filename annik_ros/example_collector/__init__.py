@@ -1,0 +1,1 @@
+"""example_collector: drives a robot through a plan and measures its poses."""

@@ -1,0 +1,316 @@
+"""The node that drives a robot through a plan of examples and records where each one leads."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from typing import Final
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from annik_core.collection.collector import Collector, MeasuredJoints, Phase, duration_in_words
+from annik_core.collection.journal import CollectionJournal, open_journal
+from annik_core.dataset import load_dataset, save_dataset
+from annik_core.errors import AnnikError, CollectionIncomplete, NonFiniteValue, NotUnitQuaternion
+from annik_core.pose import FloatArray
+from annik_core.robots.robot import Robot
+from annik_core.serving.stamps import LAST_STAMP
+from annik_core.serving.statistics import OutcomeCounts
+from annik_ros.declare_parameters import declare_parameters
+from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
+from annik_ros.example_collector.parameters import ExampleCollectorParameters
+from annik_ros.measured_joint_positions import MeasuredJointPositions
+from annik_ros.qos import reliable
+from annik_ros.run_node import one_line, run_node
+from annik_ros.throttle import Throttle
+from msg_tools.conversions.joint_state import joint_state_to_message
+from msg_tools.conversions.pose import pose_from_message
+from msg_tools.conversions.stamp import stamp_from_message, stamp_to_message
+from msg_tools.topics import JOINT_COMMAND, JOINT_STATES, MEASURED_POSE
+
+NODE_NAME: Final = "example_collector"
+
+#: Least time between two warnings of refused poses [s].
+WARNING_PERIOD: Final = 1.0
+#: Time between two looks at whether everybody is there [s].
+POLL_PERIOD: Final = 0.05
+#: Time from when everybody is there to the first command [s]: a subscriber is known to us before
+#: we are known to it, and a command that got lost would look as if the robot did not obey.
+MEETING_TIME: Final = 1.0
+#: Commands that may wait in a subscriber: an old one is worth nothing.
+COMMAND_DEPTH: Final = 10
+
+
+class RobotNotReady(AnnikError):
+    """What the collector needs did not come in time."""
+
+    def __init__(self, missing: tuple[str, ...], timeout: float) -> None:
+        self.missing = missing
+        self.timeout = timeout
+        super().__init__(
+            f"after {timeout:g} s there is no {' and no '.join(missing)}: is it running, in the "
+            "same namespace and ROS_DOMAIN_ID, and are its topics remapped?"
+        )
+
+
+class WrongPoseFrame(AnnikError):
+    """A measured pose is in another frame than the base frame of the robot."""
+
+    def __init__(self, frame: str, base_frame: str) -> None:
+        self.frame = frame
+        self.base_frame = base_frame
+        super().__init__(
+            f"{MEASURED_POSE.name} is in the frame {frame!r}; it must be in the base frame "
+            f"{base_frame!r}, or name none"
+        )
+
+
+class RepeatedPose(AnnikError):
+    """A measured pose has the stamp of the one before: it is the same measurement."""
+
+    def __init__(self, nanoseconds: int) -> None:
+        self.nanoseconds = nanoseconds
+        super().__init__(
+            f"{MEASURED_POSE.name} has the stamp of the one before it, {nanoseconds} ns: to "
+            "average one measurement with itself says nothing"
+        )
+
+
+#: What each refusal of a measured pose is counted as.
+_REFUSAL_REASONS: Final[dict[type[AnnikError], str]] = {
+    NonFiniteValue: "not finite",
+    NotUnitQuaternion: "not a unit quaternion",
+    WrongPoseFrame: "wrong frame",
+    RepeatedPose: "repeated stamp",
+}
+
+
+class ExampleCollector(Node):
+    """Waits for the robot and the tracker, then drives and measures until the plan is done.
+
+    Attributes:
+        finished: done when the process may end.
+    """
+
+    def __init__(self) -> None:
+        """Read the plan, open the journal and begin to wait for the robot.
+
+        Raises:
+            AnnikError: if a parameter, the plan or the journal can't be used.
+        """
+        super().__init__(NODE_NAME)
+        self.finished = Future()
+        self._options = declare_parameters(self, ExampleCollectorParameters)
+        plan_path, self._dataset_path = self._options.paths
+        plan = load_dataset(plan_path)
+        self._settings = self._options.settings
+        self._robot: Robot = plan.robot
+        self._counts = OutcomeCounts(time.monotonic())
+        self._warning = Throttle(WARNING_PERIOD)
+        self._last_stamp = 0
+        self._has_pose = False
+        self._deadline = time.monotonic() + self._options.wait_timeout
+        self._ready_since: float | None = None
+        self._measured = MeasuredJointPositions(
+            self, plan.robot.joint_names, self._settings.measurement_timeout
+        )
+        self.create_subscription(
+            PoseStamped, MEASURED_POSE.name, self._on_pose, qos_profile_sensor_data
+        )
+        self._publisher = self.create_publisher(
+            JointState, JOINT_COMMAND.name, reliable(COMMAND_DEPTH)
+        )
+        # Last, so that whatever is wrong before leaves no file behind.
+        self._journal: CollectionJournal = open_journal(
+            self._dataset_path, plan, self._settings.samples
+        )
+        self._collector = Collector(self._journal, self._settings, self.get_logger())
+        self._diagnostics = DiagnosticsPublisher(self, self._report)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(POLL_PERIOD, self._wait_for_robot, clock=self._steady)
+        self.get_logger().info(
+            f"{len(self._journal.examples)} of {len(plan)} examples of robot {plan.robot.name} "
+            f"are measured: {JOINT_STATES.name}, {MEASURED_POSE.name} -> {JOINT_COMMAND.name}"
+        )
+
+    def write_dataset(self) -> str:
+        """Write what was measured, and close the journal; needs no valid ROS context.
+
+        Returns:
+            What was written, in one line.
+
+        Raises:
+            AnnikError: if the dataset can't be written. The journal has it all.
+        """
+        try:
+            # A signal may have come amid the record of an example.
+            self._journal.read_again()
+            if not self._journal.examples:
+                return "nothing was measured, and no dataset written"
+            save_dataset(self._journal.dataset(), self._dataset_path)
+        finally:
+            self._journal.close()
+        return (
+            f"wrote {len(self._journal.examples)} of {len(self._journal.plan)} examples to "
+            f"{self._dataset_path}"
+        )
+
+    def _wait_for_robot(self) -> None:
+        if self._journal.is_complete:
+            self.finished.set_result(None)
+            return
+        now = time.monotonic()
+        measured = self._measured.newest()
+        missing = self._missing(measured is None)
+        if missing:
+            self._ready_since = None
+            if now > self._deadline:
+                raise RobotNotReady(missing, self._options.wait_timeout)
+            return
+        if self._ready_since is None:
+            self._ready_since = now
+        if measured is None or now - self._ready_since < MEETING_TIME:
+            return
+        # By its name after remapping, which is not done to the name that is asked for.
+        topic = self._publisher.topic_name
+        if self.count_publishers(topic) > 1:
+            self.get_logger().warning(
+                f"others publish {topic} too, or did a moment ago: end them, such "
+                "as an ik_node, or the robot gets two commands at a time"
+            )
+        self._begin(MeasuredJoints(*measured))
+
+    def _missing(self, no_joint_states: bool) -> tuple[str, ...]:
+        """What there is to wait for, in words."""
+        joints = ", ".join(self._robot.joint_names)
+        conditions = (
+            (no_joint_states, f"{self._measured.topic_name} that has {joints}"),
+            (not self._has_pose, f"{self.resolve_topic_name(MEASURED_POSE.name)} of use"),
+            (
+                self._publisher.get_subscription_count() == 0,
+                f"subscriber of {self._publisher.topic_name}",
+            ),
+        )
+        return tuple(what for is_missing, what in conditions if is_missing)
+
+    def _begin(self, measured: MeasuredJoints) -> None:
+        self.destroy_timer(self._timer)
+        self._collector.begin(time.monotonic(), measured)
+        self._timer = self.create_timer(
+            1.0 / self._settings.command_rate, self._tick, clock=self._steady
+        )
+
+    def _tick(self) -> None:
+        newest = self._measured.newest()
+        measured = None if newest is None else MeasuredJoints(*newest)
+        self._publish(self._collector.tick(time.monotonic(), measured))
+        if self._collector.phase is Phase.DONE:
+            self.destroy_timer(self._timer)
+            queue = self._collector.queue
+            if queue.skipped:
+                rows = ", ".join(map(str, sorted(queue.skipped)))
+                self.get_logger().warning(
+                    f"{len(queue.skipped)} examples were skipped, since the robot may not go "
+                    f"there: rows {rows}"
+                )
+            if queue.missing:
+                raise CollectionIncomplete(queue.missing)
+            self.finished.set_result(None)
+
+    def _publish(self, command: FloatArray) -> None:
+        # A simulated clock may show a time that is too late for any message.
+        stamp = stamp_to_message(min(self.get_clock().now().nanoseconds, LAST_STAMP))
+        self._publisher.publish(joint_state_to_message(self._robot.joint_names, command, stamp))
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        now = time.monotonic()
+        try:
+            pose = self._checked_pose(message)
+        except AnnikError as error:
+            reason = _REFUSAL_REASONS.get(type(error), "malformed stamp")
+            self._counts.record_refused(reason, str(error))
+            if self._warning.is_due():
+                self.get_logger().warning(f"measured pose refused: {error}")
+            return
+        self._counts.record_accepted()
+        self._has_pose = True
+        self._collector.on_pose(now, pose)
+
+    def _checked_pose(self, message: PoseStamped) -> FloatArray:
+        frame = message.header.frame_id
+        if frame not in ("", self._robot.base_frame):
+            raise WrongPoseFrame(frame, self._robot.base_frame)
+        nanoseconds = stamp_from_message(message.header.stamp)
+        # Who has no clock leaves the stamp at zero.
+        if nanoseconds != 0 and nanoseconds == self._last_stamp:
+            raise RepeatedPose(nanoseconds)
+        self._last_stamp = nanoseconds
+        return pose_from_message(message.pose)
+
+    def _report(self) -> DiagnosticReport:
+        now = time.monotonic()
+        collector = self._collector
+        left = collector.time_left(now)
+        values = {
+            "robot": self._robot.name,
+            "robot definition sha256": self._robot.definition_hash[:12],
+            "phase": collector.phase.value,
+            "examples planned": str(len(self._journal.plan)),
+            "examples measured": str(len(self._journal.examples)),
+            "examples failed": str(collector.queue.failures),
+            "examples skipped": str(len(collector.queue.skipped)),
+            "measurements repeated": str(collector.repeated),
+            "time left [s]": "" if left is None else f"{left:.0f}",
+        }
+        return outcome_report("pose", self._counts.end_period(now), self._robot.name, values)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Collect until the plan is done, or until interrupted; what was measured is written.
+
+    Args:
+        args: command line, as ``rclpy.init`` takes it.
+
+    Returns:
+        0, or 1 if something can't be used, the robot did what it should not, or examples are
+        missing.
+    """
+    collectors: list[ExampleCollector] = []
+
+    def make() -> ExampleCollector:
+        collectors.append(ExampleCollector())
+        return collectors[-1]
+
+    started = time.monotonic()
+    exit_code = 1
+    try:
+        exit_code = run_node(NODE_NAME, make, args, lambda node: node.finished)
+    finally:
+        # Who presses Ctrl-C twice wants the dataset too; nothing is left to be interrupted.
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        # However it ended: also an error that nobody foresaw loses nothing.
+        for collector in collectors:
+            exit_code = max(exit_code, _write_dataset(collector, time.monotonic() - started))
+    return exit_code
+
+
+def _write_dataset(collector: ExampleCollector, duration: float) -> int:
+    logger = get_logger(NODE_NAME)
+    try:
+        summary = collector.write_dataset()
+    except AnnikError as error:
+        logger.fatal(one_line(error))
+        return 1
+    logger.info(f"{summary} after {duration_in_words(duration)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""fake_robot: a simulated robot that follows commands and reports the tracking error."""

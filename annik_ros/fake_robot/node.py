@@ -1,0 +1,199 @@
+"""The node that stands in for a robot: it does what it is told, and measures the error.
+
+Where it stands in for an imperfect one, nothing that it publishes or logs says by what.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from annik_core.errors import AnnikError
+from annik_core.model.artifact import load_artifact
+from annik_core.pose import FloatArray
+from annik_core.robots.library import load_robot
+from annik_core.robots.robot import Robot
+from annik_core.serving.stamps import LAST_STAMP, StampPairing
+from annik_core.serving.statistics import OutcomeCounts
+from annik_core.serving.tracking_error import tracking_error
+from annik_core.simulation.fake_robot import FakeRobot, refusal_reason
+from annik_core.simulation.imperfections import Imperfections
+from annik_ros.declare_parameters import declare_parameters
+from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
+from annik_ros.fake_robot.parameters import FakeRobotParameters
+from annik_ros.parameters import InvalidParameter
+from annik_ros.qos import RESULT_DEPTH, reliable
+from annik_ros.run_node import run_node
+from annik_ros.throttle import Throttle
+from msg_tools.conversions.joint_state import joint_positions_from_message, joint_state_to_message
+from msg_tools.conversions.pose import pose_from_message, pose_stamped_to_message
+from msg_tools.conversions.stamp import MalformedStamp, stamp_from_message, stamp_to_message
+from msg_tools.conversions.vector3 import vector3_stamped_to_message
+from msg_tools.topics import (
+    ACCEPTED_TARGET,
+    ACHIEVED_POSE,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    MEASURED_POSE,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+)
+
+NODE_NAME = "fake_robot"
+
+#: Least time between two warnings of refused messages [s].
+WARNING_PERIOD = 1.0
+
+
+class FakeRobotNode(Node):
+    """Takes up every valid command at once, and publishes where that leads."""
+
+    def __init__(self) -> None:
+        """Load the robot and wait for commands.
+
+        Raises:
+            AnnikError: if a parameter, the model or the robot can't be used.
+        """
+        super().__init__(NODE_NAME)
+        parameters = declare_parameters(self, FakeRobotParameters)
+        robot = _load(parameters)
+        imperfections = parameters.robot_imperfections(robot)
+        self._fake_robot = FakeRobot(robot, imperfections)
+        self._noise = (imperfections or Imperfections.none(robot.dof)).measurement_generator()
+        self._counts = OutcomeCounts(time.monotonic())
+        self._refused_targets = 0
+        self._measurements_published = self._measurements_dropped = 0
+        self._warning = Throttle(WARNING_PERIOD)
+        self._pairing: StampPairing[FloatArray, FloatArray] = StampPairing()
+        results = reliable(RESULT_DEPTH)
+        self._state_publisher = self.create_publisher(JointState, JOINT_STATES.name, results)
+        self._pose_publisher = self.create_publisher(PoseStamped, ACHIEVED_POSE.name, results)
+        if parameters.measurement_rate > 0.0:
+            self._measurement_publisher = self.create_publisher(
+                PoseStamped, MEASURED_POSE.name, results
+            )
+            self.create_timer(1.0 / parameters.measurement_rate, self._measure)
+        self._position_error_publisher = self.create_publisher(
+            Vector3Stamped, POSITION_ERROR.name, results
+        )
+        self._orientation_error_publisher = self.create_publisher(
+            Vector3Stamped, ORIENTATION_ERROR.name, results
+        )
+        self.create_subscription(JointState, JOINT_COMMAND.name, self._on_command, results)
+        self.create_subscription(PoseStamped, ACCEPTED_TARGET.name, self._on_target, results)
+        self._diagnostics = DiagnosticsPublisher(self, self._report)
+        self.get_logger().info(
+            f"{'fake' if imperfections is None else 'imperfect fake'} robot {robot.name}: "
+            f"{JOINT_COMMAND.name} -> {JOINT_STATES.name}"
+        )
+
+    def _on_command(self, message: JointState) -> None:
+        robot = self._fake_robot.robot
+        try:
+            # Before the robot moves: without a stamp, the result can't be told from others.
+            nanoseconds = stamp_from_message(message.header.stamp)
+            joint_positions = joint_positions_from_message(message, robot.joint_names)
+            achieved = self._fake_robot.move_to(joint_positions)
+        except AnnikError as error:
+            self._counts.record_refused(_refusal_reason(error), str(error))
+            self._warn(f"command refused: {error}")
+            return
+        self._counts.record_accepted()
+        stamp = message.header.stamp
+        self._state_publisher.publish(
+            joint_state_to_message(robot.joint_names, joint_positions, stamp)
+        )
+        self._pose_publisher.publish(pose_stamped_to_message(achieved, stamp, robot.base_frame))
+        self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
+
+    def _measure(self) -> None:
+        """Publish where joints and end effector are measured to be, with one stamp."""
+        robot = self._fake_robot.robot
+        # A simulated clock may show a time that is too late for any message.
+        stamp = stamp_to_message(min(self.get_clock().now().nanoseconds, LAST_STAMP))
+        # What the encoders show: they are before all that is imperfect.
+        self._state_publisher.publish(
+            joint_state_to_message(robot.joint_names, self._fake_robot.joint_positions, stamp)
+        )
+        pose = self._fake_robot.measure(self._noise)
+        if pose is None:
+            self._measurements_dropped += 1
+            return
+        self._measurement_publisher.publish(pose_stamped_to_message(pose, stamp, robot.base_frame))
+        self._measurements_published += 1
+
+    def _on_target(self, message: PoseStamped) -> None:
+        try:
+            nanoseconds = stamp_from_message(message.header.stamp)
+            target = pose_from_message(message.pose)
+        except AnnikError as error:
+            self._refused_targets += 1
+            self._warn(f"accepted target ignored: {error}")
+            return
+        self._publish_error(nanoseconds, self._pairing.add_first(nanoseconds, target))
+
+    def _publish_error(self, nanoseconds: int, pair: tuple[FloatArray, FloatArray] | None) -> None:
+        if pair is None:
+            return
+        error = tracking_error(*pair)
+        stamp = stamp_to_message(nanoseconds)
+        frame = self._fake_robot.robot.base_frame
+        self._position_error_publisher.publish(
+            vector3_stamped_to_message(error.position, stamp, frame)
+        )
+        self._orientation_error_publisher.publish(
+            vector3_stamped_to_message(error.orientation, stamp, frame)
+        )
+
+    def _warn(self, text: str) -> None:
+        if self._warning.is_due():
+            self.get_logger().warning(text)
+
+    def _report(self) -> DiagnosticReport:
+        robot = self._fake_robot.robot
+        waiting_targets, waiting_commands = self._pairing.waiting
+        values = {
+            "robot": robot.name,
+            "robot definition sha256": robot.definition_hash[:12],
+            # Not "targets refused": that is the ik_node's count, by which a report finds it.
+            "accepted targets ignored": str(self._refused_targets),
+            "targets without command": str(waiting_targets),
+            "commands without target": str(waiting_commands),
+            "partners given up": str(self._pairing.given_up),
+            "measurements published": str(self._measurements_published),
+            "measurements dropped": str(self._measurements_dropped),
+        }
+        outcomes = self._counts.end_period(time.monotonic())
+        return outcome_report("command", outcomes, robot.name, values)
+
+
+def _refusal_reason(error: AnnikError) -> str:
+    return "malformed stamp" if isinstance(error, MalformedStamp) else refusal_reason(error)
+
+
+def _load(parameters: FakeRobotParameters) -> Robot:
+    frames = [name for name in ("base_frame", "end_effector_frame") if getattr(parameters, name)]
+    if parameters.model and frames:
+        raise InvalidParameter(
+            frames[0], getattr(parameters, frames[0]), "empty beside model, which has its own"
+        )
+    if parameters.model:
+        return load_artifact(parameters.model).robot
+    return load_robot(
+        parameters.robot_description or parameters.robot,
+        base_frame=parameters.base_frame or None,
+        end_effector_frame=parameters.end_effector_frame or None,
+    )
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_node(NODE_NAME, FakeRobotNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""ik_node: targets in, joint commands out."""

@@ -1,0 +1,358 @@
+"""The node that turns target poses into joint commands."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from traceback import format_exception
+from typing import TypeVar
+
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
+from std_srvs.srv import Trigger
+
+from annik_core.errors import AnnikError, ConversionError
+from annik_core.robots.robot import Robot
+from annik_core.serving.ik_server import IkServer
+from annik_core.solver.result import IkResult, IkStatus
+from annik_ros.declare_parameters import current_parameters, declare_parameters
+from annik_ros.diagnostics import (
+    DiagnosticReport,
+    DiagnosticsPublisher,
+    Level,
+    expected_error_values,
+    outcome_report,
+    time_values,
+)
+from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.ik_node.parameters import IkNodeParameters, OnRefusal
+from annik_ros.ik_node.publishers import CommandPublishers
+from annik_ros.ik_node.services import RELOAD_MODEL
+from annik_ros.managed_node import ManagedNode, logged
+from annik_ros.measured_joint_positions import MeasuredJointPositions
+from annik_ros.qos import reliable
+from annik_ros.run_node import make_executor, run_node
+from annik_ros.throttle import Throttle
+from msg_tools.conversions.cdr import (
+    StampedPoses,
+    pose_array_from_bytes,
+    pose_numbers_from_bytes,
+    pose_stamped_from_bytes,
+)
+from msg_tools.topics import JOINT_COMMAND, TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES
+
+NODE_NAME = "ik_node"
+
+Content = TypeVar("Content")
+
+#: Least time between two warnings of refused targets [s].
+WARNING_PERIOD = 1.0
+
+
+class Serving:
+    """What exists between configuring and cleaning up: a model, and how it is reached."""
+
+    def __init__(self, node: IkNode, options: IkNodeParameters) -> None:
+        """Load the model and subscribe.
+
+        Raises:
+            AnnikError: if the model can't be used.
+        """
+        from annik_core.model.artifact import load_artifact
+
+        self._node = node
+        solver = options.solver(load_artifact(_model_path(options)))
+        robot = solver.robot
+        self.measured = MeasuredJointPositions(
+            node, robot.joint_names, options.measurement_timeout
+        )
+        self.server = IkServer(solver, options.command_safety, self.measured)
+        self.publishers = CommandPublishers(node, robot, options)
+        targets = reliable(options.queue_depth)
+        self._subscriptions: list[Subscription] = [
+            node.create_subscription(message_type, topic.name, callback, targets, raw=True)
+            for message_type, topic, callback in (
+                (Pose, TARGET_POSE, node.on_target),
+                (PoseStamped, TARGET_POSE_STAMPED, node.on_stamped_target),
+                (PoseArray, TARGET_POSES, node.on_path),
+            )
+        ]
+
+    def apply(self, options: IkNodeParameters) -> None:
+        """Take over what may change while targets come; between two of them."""
+        self.server.solver = options.solver(self.server.solver.artifact)
+        self.server.safety = options.command_safety
+        self.measured.timeout = options.measurement_timeout
+        self.publishers.options = options
+
+    def destroy(self) -> None:
+        """Take everything off the node."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self.measured.destroy()
+        self.publishers.destroy()
+
+
+class IkNode(ManagedNode):
+    """Answers every target with one joint command, or refuses it and says why.
+
+    Attributes:
+        options: the values of its parameters.
+    """
+
+    def __init__(self) -> None:
+        """Begin to serve, or to wait for transitions.
+
+        Raises:
+            AnnikError: if a parameter can't be used, or the model with autostart.
+        """
+        super().__init__(NODE_NAME)
+        # What reads model files takes a while to load: now that the node is there, the middleware
+        # meets the others meanwhile.
+        import_module("annik_core.model.artifact")
+        self.options = declare_parameters(self, IkNodeParameters)
+        self._serving: Serving | None = None
+        self._active = False
+        self._fault: AnnikError | None = None
+        self._callback_errors = 0
+        self._warning, self._error = Throttle(WARNING_PERIOD), Throttle(WARNING_PERIOD)
+        self.create_service(Trigger, RELOAD_MODEL.name, self._on_reload)
+        self.add_post_set_parameters_callback(self._on_parameters)
+        self._diagnostics = DiagnosticsPublisher(self, self._report)
+        self._starts_itself = self.options.autostart
+        if self._starts_itself:
+            self.trigger_configure()
+            if self._fault is not None:
+                raise self._fault
+            self.trigger_activate()
+            self._starts_itself = False
+        else:
+            self.get_logger().info("unconfigured: waiting for lifecycle transitions")
+
+    @logged
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the model; nothing is commanded yet."""
+        self._fault = None
+        try:
+            self._serving = Serving(self, self.options)
+        except AnnikError as error:
+            self._fault = error
+            if not self._starts_itself:
+                self.get_logger().error(f"not configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    @logged
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to command; the next command is a first one."""
+        if self._serving is None:
+            return TransitionCallbackReturn.FAILURE
+        self._serving.server.forget_last_command()
+        self._serving.publishers.forget()
+        self._active = True
+        solver = self._serving.server.solver
+        self.get_logger().info(
+            f"serving {solver.artifact.path} for robot {solver.robot.name}: "
+            f"{TARGET_POSE.name} -> {JOINT_COMMAND.name}"
+        )
+        return super().on_activate(state)
+
+    @logged
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Command nothing more."""
+        self._active = False
+        self.get_logger().info("inactive: targets are refused")
+        return super().on_deactivate(state)
+
+    @logged
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the model."""
+        self._stop_serving()
+        return super().on_cleanup(state)
+
+    @logged
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the model for good."""
+        self._stop_serving()
+        return super().on_shutdown(state)
+
+    @logged
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After an error in a transition: back to unconfigured."""
+        self._stop_serving()
+        return super().on_error(state)
+
+    def _stop_serving(self) -> None:
+        self._active = False
+        if self._serving is not None:
+            serving, self._serving = self._serving, None
+            serving.destroy()
+
+    def on_target(self, data: bytes) -> None:
+        """Answer a plain target."""
+        arrival = time.perf_counter()
+        received = self._received(data, pose_numbers_from_bytes)
+        if received is None:
+            return
+        serving, pose = received
+        self._act_on(serving, serving.server.answer(pose), arrival)
+
+    def on_stamped_target(self, data: bytes) -> None:
+        """Answer a target with a frame and a time."""
+        arrival = time.perf_counter()
+        received = self._received(data, pose_stamped_from_bytes)
+        if received is None:
+            return
+        serving, target = received
+        result = serving.server.answer(target.poses[0], target.frame_id, self._age(target))
+        self._act_on(serving, result, arrival)
+
+    def on_path(self, data: bytes) -> None:
+        """Answer a path as a whole."""
+        received = self._received(data, pose_array_from_bytes)
+        if received is None:
+            return
+        serving, path = received
+        answer = serving.server.answer_path(
+            path.poses,
+            self.options.trajectory_interval,
+            self.options.max_path_poses,
+            path.frame_id,
+            self._age(path),
+        )
+        if answer.refusal is not None:
+            self._refused(serving, answer.refusal)
+        elif answer.joint_positions is not None:
+            serving.publishers.publish_path(answer.joint_positions)
+
+    def on_error_of_callback(self, error: Exception) -> None:
+        """Note an error that nobody foresaw, and go on: a robot may be waiting."""
+        self._callback_errors += 1
+        if self._error.is_due():
+            text = "".join(format_exception(error)).strip()
+            self.get_logger().error(f"error in a callback, going on: {text}")
+
+    def _received(
+        self, data: bytes, read: Callable[[bytes], Content]
+    ) -> tuple[Serving, Content] | None:
+        """What answers a message, and what that says; None, after a refusal, if nothing may."""
+        serving = self._serving
+        if serving is None:
+            return None
+        if not self._active:
+            reason = "the node is inactive: activate it (ros2 lifecycle set NODE activate)"
+            self._warn(serving.server.refuse(IkStatus.NOT_ACTIVE, reason))
+            return None
+        try:
+            return serving, read(data)
+        except ConversionError as error:
+            refusal = serving.server.refuse(IkStatus.MALFORMED_MESSAGE, str(error))
+            self._refused(serving, refusal)
+            return None
+
+    def _age(self, target: StampedPoses) -> float:
+        """How old a target is by its stamp [s]."""
+        return 1e-9 * (self.get_clock().now().nanoseconds - target.nanoseconds)
+
+    def _act_on(self, serving: Serving, result: IkResult, arrival: float) -> None:
+        if not result.accepted:
+            self._refused(serving, result)
+            return
+        try:
+            serving.publishers.publish(result)
+        except RuntimeError:
+            # A signal has ended the context while the target was answered.
+            if self.context.ok():
+                raise
+            return
+        serving.server.record_latency(time.perf_counter() - arrival)
+
+    def _refused(self, serving: Serving, refusal: IkResult) -> None:
+        if self.options.on_refusal == OnRefusal.HOLD.value:
+            serving.publishers.repeat()
+        self._warn(refusal)
+
+    def _warn(self, refusal: IkResult) -> None:
+        if self._warning.is_due():
+            self.get_logger().warning(f"target refused, {refusal.status.value}: {refusal.reason}")
+
+    def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._serving is None:
+            response.success = False
+            response.message = f"no model is served when the node is {self.state_label}"
+            return response
+        server = self._serving.server
+        try:
+            server.load_model(_model_path(self.options))
+        except AnnikError as error:
+            response.success = False
+            response.message = f"still serving {server.solver.artifact.path}: {error}"
+            self.get_logger().error(f"reload refused: {response.message}")
+        else:
+            response.success = True
+            artifact = server.solver.artifact
+            response.message = f"now serving {artifact.path}, {_kinematics(artifact.robot)}"
+            self.get_logger().info(response.message)
+        return response
+
+    def _on_parameters(self, _: list[Parameter]) -> None:
+        self.options = current_parameters(self, IkNodeParameters)
+        if self._serving is not None:
+            self._serving.apply(self.options)
+
+    def _report(self) -> DiagnosticReport:
+        state = {"state": self.state_label, "callback errors": str(self._callback_errors)}
+        if self._serving is None:
+            return DiagnosticReport(Level.OK, self.state_label, "", state)
+        server = self._serving.server
+        summary = server.end_period()
+        artifact = server.solver.artifact
+        model = {
+            "model": str(artifact.path),
+            "model sha256": artifact.sha256[:12],
+            "robot": artifact.robot.name,
+            "mode": "refined" if server.solver.refines else "network",
+            "forward kinematics": _kinematics(artifact.robot),
+        }
+        return outcome_report(
+            "target",
+            summary.outcomes,
+            artifact.robot.name,
+            {**state, **model, **time_values(summary), **expected_error_values(summary)},
+            self.options.expected_rate if self._active else 0.0,
+        )
+
+
+def _kinematics(robot: Robot) -> str:
+    """What the residuals are by."""
+    corrections = robot.definition.get("corrections")
+    if corrections is None:
+        return "as described"
+    examples = corrections.get("provenance", {}).get("examples", "?")
+    return f"learned from {examples} measured poses"
+
+
+def _model_path(options: IkNodeParameters) -> Path:
+    from annik_core.model.artifact import default_model_path, model_path
+
+    return model_path(options.model) if options.model else default_model_path()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_node(
+        NODE_NAME,
+        IkNode,
+        args,
+        executor=lambda node: make_executor(ExecutorChoice(node.options.executor)),
+        on_error=IkNode.on_error_of_callback,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,179 @@
+"""Publishers of commands, from messages that are serialized once and then filled in.
+
+Messages that are serialized once and then only filled in, number by number.
+
+The middleware takes bytes as they are; to let it convert a message anew each time takes several
+times as long.
+
+Publish what was accepted, in every form that a controller may want it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.lifecycle import LifecycleNode
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from annik_core.pose import FloatArray
+from annik_core.robots.robot import Robot
+from annik_core.serving.stamps import UniqueStamps
+from annik_core.solver.result import IkResult
+from annik_ros.ik_node.parameters import IkNodeParameters
+from annik_ros.qos import RESULT_DEPTH, reliable
+from msg_tools.conversions.joint_state import joint_state_to_message
+from msg_tools.conversions.joint_trajectory import (
+    joint_trajectory_to_message,
+    position_array_to_message,
+)
+from msg_tools.conversions.pose import pose_stamped_to_message
+from msg_tools.conversions.stamp import split_stamp, stamp_to_message
+from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, JOINT_TRAJECTORY, POSITION_COMMANDS
+
+#: A stamp that no clock shows [ns].
+_STAMP = -2_000_000_011_987_654_321
+
+
+class MessageTemplate:
+    """The bytes of a message with a header stamp and an array of numbers, both to be replaced.
+
+    Args:
+        make_message: makes the message of a stamp and of numbers.
+        size: how many numbers there are.
+    """
+
+    def __init__(self, make_message: Callable[[Time, list[float]], Any], size: int) -> None:
+        # Found by looking for them, so that no layout need be known here.
+        numbers = [-7.25e300 - 1e290 * index for index in range(size)]
+        self._data = bytearray(_serialized(make_message(stamp_to_message(_STAMP), numbers)))
+        self._stamp = struct.Struct("=iI")
+        self._numbers = struct.Struct(f"={size}d")
+        self._stamp_position = self._data.index(self._stamp.pack(*split_stamp(_STAMP)))
+        self._numbers_position = self._data.index(self._numbers.pack(*numbers))
+
+    def filled(self, stamp: int, numbers: FloatArray) -> bytes:
+        """The message with this stamp [ns] and these numbers ``(size,)``.
+
+        Raises:
+            StampOutOfRange: if the stamp does not fit into a message.
+        """
+        self._stamp.pack_into(self._data, self._stamp_position, *split_stamp(stamp))
+        self._numbers.pack_into(self._data, self._numbers_position, *numbers.tolist())
+        return bytes(self._data)
+
+
+def _serialized(message: Any) -> bytes:
+    """The bytes of a message, and none behind them.
+
+    Behind an empty array the middleware leaves room for the alignment of what is not there: some
+    bytes of whatever its memory holds. Readers that are exact refuse a message with such an end.
+    """
+    data: bytes = serialize_message(message)
+    while _reads_as(data[:-1], message):
+        data = data[:-1]
+    return data
+
+
+def _reads_as(data: bytes, message: Any) -> bool:
+    try:
+        return bool(deserialize_message(data, type(message)) == message)
+    except RuntimeError:
+        return False
+
+
+class CommandPublishers:
+    """The publishers of commands for one robot; silent unless the node is active.
+
+    Attributes:
+        options: which forms are wanted besides ``joint_command``; may be replaced at any time.
+    """
+
+    def __init__(self, node: LifecycleNode, robot: Robot, options: IkNodeParameters) -> None:
+        """Create the publishers on ``node``."""
+        self.options = options
+        self._node = node
+        # For bare nanoseconds: to make a Time of them takes longer than to ask for them.
+        self._clock = node.get_clock().handle
+        self._robot = robot
+        self._stamps = UniqueStamps()
+        results = reliable(RESULT_DEPTH)
+        self._command_publisher = node.create_lifecycle_publisher(
+            JointState, JOINT_COMMAND.name, results
+        )
+        self._target_publisher = node.create_lifecycle_publisher(
+            PoseStamped, ACCEPTED_TARGET.name, results
+        )
+        self._trajectory_publisher = node.create_lifecycle_publisher(
+            JointTrajectory, JOINT_TRAJECTORY.name, results
+        )
+        self._positions_publisher = node.create_lifecycle_publisher(
+            Float64MultiArray, POSITION_COMMANDS.name, results
+        )
+        self._command = MessageTemplate(
+            lambda stamp, numbers: joint_state_to_message(robot.joint_names, numbers, stamp),
+            robot.dof,
+        )
+        self._target = MessageTemplate(
+            lambda stamp, numbers: pose_stamped_to_message(numbers, stamp, robot.base_frame), 7
+        )
+        self._last: FloatArray | None = None
+
+    def publish(self, result: IkResult) -> None:
+        """Publish an accepted answer, with one new stamp."""
+        if result.joint_positions is None or result.target is None:
+            return
+        self._last = result.joint_positions
+        stamp = self._publish_command(result.joint_positions)
+        # Asked anew each time: a message for nobody costs thirty times as much as the question.
+        if self._target_publisher.get_subscription_count():
+            self._target_publisher.publish(self._target.filled(stamp, result.target))
+
+    def publish_path(self, joint_positions: FloatArray) -> None:
+        """Publish a whole path ``(n, dof)`` as a trajectory.
+
+        After that there is nothing to repeat: the end of the path may still be far ahead.
+        """
+        self._last = None
+        self._trajectory_publisher.publish(self._trajectory(joint_positions))
+
+    def repeat(self) -> None:
+        """Publish the last command again with a new stamp, if there was one."""
+        if self._last is not None:
+            self._publish_command(self._last)
+
+    def forget(self) -> None:
+        """There was no last command."""
+        self._last = None
+
+    def destroy(self) -> None:
+        """Take the publishers off the node."""
+        for publisher in (
+            self._command_publisher,
+            self._target_publisher,
+            self._trajectory_publisher,
+            self._positions_publisher,
+        ):
+            self._node.destroy_lifecycle_publisher(publisher)
+
+    def _publish_command(self, joint_positions: FloatArray) -> int:
+        """Publish joint positions in all forms that are wanted; returns their stamp [ns]."""
+        stamp = self._stamps.next(self._clock.get_now().nanoseconds)
+        self._command_publisher.publish(self._command.filled(stamp, joint_positions))
+        if self.options.publish_joint_trajectory:
+            self._trajectory_publisher.publish(self._trajectory(joint_positions[np.newaxis]))
+        if self.options.publish_position_commands:
+            self._positions_publisher.publish(position_array_to_message(joint_positions))
+        return stamp
+
+    def _trajectory(self, joint_positions: FloatArray) -> JointTrajectory:
+        return joint_trajectory_to_message(
+            self._robot.joint_names, joint_positions, self.options.trajectory_interval
+        )

@@ -1,0 +1,166 @@
+"""The process of a node: signals, executors, exit code.
+
+Executors of rclpy, and the loop that drives any of them.
+
+Run one node as a process: exit code 0 when it is asked to end, 1 when it can't do its job.
+"""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import Final, TypeVar
+
+import rclpy
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.task import Future
+
+from annik_core.errors import AnnikError
+from annik_ros.executor_choice import ExecutorChoice
+
+#: Longest wait for work [s]. Jazzy's events executor calls nobody back unless its wait is finite.
+_LONGEST_WAIT: Final = 0.5
+
+
+def make_executor(choice: ExecutorChoice) -> Executor:
+    """A new executor; rclpy's default one where this rclpy has no events executor yet."""
+    if choice is ExecutorChoice.EVENTS:
+        try:
+            # Experimental, and not in the first releases of Jazzy.
+            from rclpy.experimental.events_executor import EventsExecutor
+        except ImportError:
+            get_logger("executor").warning(
+                "this rclpy has no events executor: single_threaded is used"
+            )
+        else:
+            events: Executor = EventsExecutor()
+            return events
+    return SingleThreadedExecutor()
+
+
+def spin(
+    executor: Executor,
+    finished: Future | None = None,
+    on_error: Callable[[Exception], None] | None = None,
+) -> None:
+    """Call nodes back until ``finished`` is done or the context is shut down.
+
+    Args:
+        executor: has the nodes.
+        finished: None: never.
+        on_error: told of an error of a callback, of ours or of rclpy's own, after which the
+            nodes go on; None: it is raised.
+
+    Raises:
+        AnnikError: from a callback, which ends the process on purpose.
+        ExternalShutdownException: if the context is shut down while the executor waits.
+    """
+    while rclpy.ok() and not (finished is not None and finished.done()):
+        try:
+            executor.spin_once(timeout_sec=_LONGEST_WAIT)
+        except (AnnikError, ExternalShutdownException):
+            raise
+        except Exception as error:
+            if on_error is None or not rclpy.ok():
+                raise
+            on_error(error)
+
+
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+
+AnyNode = TypeVar("AnyNode", bound=Node)
+
+
+def initialise(name: str, args: list[str] | None = None) -> bool:
+    """Initialise rclpy; False after one line on what is wrong with the command line.
+
+    Args:
+        name: what to call the node, which does not exist yet.
+        args: the command line; None means that of the process.
+    """
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:
+        # rclpy has no public name for its complaints about ROS arguments; there is no log yet.
+        print(f"[FATAL] [{name}]: {one_line(error)}", file=sys.stderr)
+        return False
+    return True
+
+
+def run_node(
+    name: str,
+    make_node: Callable[[], AnyNode],
+    args: list[str] | None = None,
+    finished: Callable[[AnyNode], Future] | None = None,
+    executor: Callable[[AnyNode], Executor] = lambda _: SingleThreadedExecutor(),
+    on_error: Callable[[AnyNode, Exception], None] | None = None,
+) -> int:
+    """Make a node and spin it until SIGINT, SIGTERM, its own end, or a fault.
+
+    Args:
+        name: what to call the node in the log before it exists.
+        make_node: makes it; may raise an :class:`AnnikError` for a fault of set-up.
+        args: the command line; None means that of the process.
+        finished: gives the future of the node that is done when its job is; None: never.
+        executor: makes what calls the node back.
+        on_error: told of an error in a callback, after which the node goes on; None: it ends.
+
+    Returns:
+        The exit code: 0, or 1 after one line on what is wrong.
+    """
+    # A signal that comes while things are half made waits until they are whole: the middleware
+    # and the events executor would take it for a fault, or end the process.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    if not initialise(name, args):
+        return 1
+    node = None
+    try:
+        node = make_node()
+        _spin(
+            node,
+            executor(node),
+            finished(node) if finished else None,
+            partial(on_error, node) if on_error else None,
+        )
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (AnnikError, NameValidationException) as error:
+        get_logger(name).fatal(one_line(error))
+        return 1
+    except RuntimeError:
+        # A signal ends the context at once: whatever was being made or published then fails.
+        if rclpy.ok():
+            raise
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _spin(
+    node: Node,
+    executor: Executor,
+    finished: Future | None,
+    on_error: Callable[[Exception], None] | None,
+) -> None:
+    # What was made up to now stays: looking through it again and again would only delay targets.
+    gc.collect()
+    gc.freeze()
+    try:
+        executor.add_node(node)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        spin(executor, finished, on_error)
+    finally:
+        executor.shutdown(timeout_sec=0.0)
+
+
+def one_line(error: Exception) -> str:
+    """What an error says, without the line breaks of those who raised it."""
+    return " ".join(str(error).split())

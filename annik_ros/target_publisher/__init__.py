@@ -1,0 +1,1 @@
+"""target_publisher: publishes a path of target poses."""

@@ -1,0 +1,184 @@
+"""The node that publishes a path of targets, and ends when they are delivered."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import chain, cycle, repeat
+
+from geometry_msgs.msg import Pose, PoseStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.task import Future
+from rclpy.timer import Timer
+
+from annik_core.errors import AnnikError
+from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
+from annik_core.target_paths import circle_path, csv_path, diagonal_path, line_path
+from annik_ros.declare_parameters import declare_parameters
+from annik_ros.parameters import InvalidParameter
+from annik_ros.qos import RESULT_DEPTH, reliable
+from annik_ros.run_node import run_node
+from annik_ros.target_publisher.parameters import TargetPublisherParameters
+from msg_tools.conversions.pose import pose_stamped_to_message, pose_to_message
+from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED
+
+NODE_NAME = "target_publisher"
+
+#: Time between two looks at whether a subscriber has come, or the last target has arrived [s].
+POLL_PERIOD = 0.02
+#: Time without a new subscriber before the first target [s]. Discovery finds those that are there
+#: one after the other; and a subscriber is known to us before we are known to it: what is
+#: published in between reaches it all at once, and one that keeps only the newest target loses
+#: the rest.
+SETTLING_TIME = 1.5
+#: How long subscribers may take to confirm the last targets [s].
+DELIVERY_TIMEOUT = 10.0
+
+
+class NoSubscribers(AnnikError):
+    """Nobody, or not enough, listened for the targets in time."""
+
+    def __init__(self, topic: str, found: int, wanted: int, timeout: float) -> None:
+        self.topic = topic
+        self.found = found
+        self.wanted = wanted
+        self.timeout = timeout
+        super().__init__(
+            f"{found} of {wanted} subscribers on {topic} after {timeout:g} s: is ik_node running, "
+            "in the same namespace and ROS_DOMAIN_ID?"
+        )
+
+
+class DeliveryNotConfirmed(AnnikError):
+    """A subscriber did not confirm that it received the targets."""
+
+    def __init__(self, topic: str, timeout: float) -> None:
+        self.topic = topic
+        self.timeout = timeout
+        super().__init__(
+            f"a subscriber on {topic} did not confirm the last targets within {timeout:g} s"
+        )
+
+
+class TargetPublisher(Node):
+    """Waits for subscribers, publishes each target once at an even rate, waits for delivery.
+
+    Attributes:
+        finished: done when the process may end.
+    """
+
+    def __init__(self) -> None:
+        """Make the path and begin to wait for subscribers.
+
+        Raises:
+            AnnikError: if a parameter or the file of targets can't be used.
+        """
+        super().__init__(NODE_NAME)
+        self.finished = Future()
+        self._options = declare_parameters(self, TargetPublisherParameters)
+        self._targets = _targets(self._options)
+        self._published = 0
+        self._subscribers = 0
+        self._settled_at = 0.0
+        message_type, topic = (
+            (PoseStamped, TARGET_POSE_STAMPED) if self._options.stamped else (Pose, TARGET_POSE)
+        )
+        self._publisher: Publisher = self.create_publisher(
+            message_type, topic.name, reliable(RESULT_DEPTH)
+        )
+        self._deadline = time.monotonic() + self._options.wait_timeout
+        self._timer = self._every(POLL_PERIOD, self._wait_for_subscribers)
+        self.get_logger().info(
+            f"path {self._options.path} on {topic.name}: waiting for "
+            f"{self._options.wait_for_subscribers} subscriber(s)"
+        )
+
+    def _every(self, period: float, callback: Callable[[], None]) -> Timer:
+        return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _wait_for_subscribers(self) -> None:
+        found = self._publisher.get_subscription_count()
+        wanted = self._options.wait_for_subscribers
+        now = time.monotonic()
+        if found != self._subscribers:
+            self._subscribers = found
+            self._settled_at = now + SETTLING_TIME
+        if found >= wanted:
+            if wanted == 0 or now >= self._settled_at:
+                self._begin()
+        elif now > self._deadline:
+            raise NoSubscribers(
+                self._publisher.topic_name, found, wanted, self._options.wait_timeout
+            )
+
+    def _begin(self) -> None:
+        self.destroy_timer(self._timer)
+        self._timer = self._every(1.0 / self._options.rate, self._publish_next)
+
+    def _publish_next(self) -> None:
+        target = next(self._targets, None)
+        if target is None:
+            self.destroy_timer(self._timer)
+            self._deadline = time.monotonic() + DELIVERY_TIMEOUT
+            self._timer = self._every(POLL_PERIOD, self._wait_for_delivery)
+            return
+        if self._options.stamped:
+            stamp = self.get_clock().now().to_msg()
+            message = pose_stamped_to_message(target, stamp, self._options.frame_id)
+        else:
+            message = pose_to_message(target)
+        self._publisher.publish(message)
+        self._published += 1
+
+    def _wait_for_delivery(self) -> None:
+        # In short steps, so that a signal is heard between them.
+        if self._publisher.wait_for_all_acked(Duration(seconds=POLL_PERIOD)):
+            self.destroy_timer(self._timer)
+            self.get_logger().info(f"published {self._published} targets")
+            if self._options.exit_when_done:
+                self.finished.set_result(None)
+        elif time.monotonic() > self._deadline:
+            raise DeliveryNotConfirmed(self._publisher.topic_name, DELIVERY_TIMEOUT)
+
+
+def _targets(parameters: TargetPublisherParameters) -> Iterator[FloatArray]:
+    path = _path(parameters)
+    if parameters.loops == 0:
+        return cycle(path)
+    return chain.from_iterable(repeat(path, parameters.loops))
+
+
+def _path(parameters: TargetPublisherParameters) -> FloatArray:
+    if parameters.path == "line":
+        start = pose_from_roll_pitch_yaw(
+            parameters.line_from_position, parameters.line_from_roll_pitch_yaw
+        )
+        end = pose_from_roll_pitch_yaw(
+            parameters.line_to_position, parameters.line_to_roll_pitch_yaw
+        )
+        return line_path(start, end, parameters.points)
+    if parameters.path == "circle":
+        return circle_path(
+            parameters.circle_centre,
+            parameters.circle_radius,
+            parameters.circle_roll_pitch_yaw,
+            parameters.points,
+        )
+    if parameters.path == "csv":
+        if not parameters.csv_file:
+            raise InvalidParameter("csv_file", "", "the path of a file, if path is csv")
+        return csv_path(parameters.csv_file)
+    return diagonal_path(parameters.points)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_node(NODE_NAME, TargetPublisher, args, lambda node: node.finished)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

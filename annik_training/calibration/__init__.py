@@ -1,0 +1,1 @@
+"""Kinematic calibration of an arm from measured poses."""

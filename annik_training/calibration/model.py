@@ -1,0 +1,350 @@
+"""Forward kinematics with everything that may differ from the nominal ones as parameters.
+
+``pose = base * product of (placement, joint motion, geometric errors) * tool * exp(motion)``: the
+nominal chain with its geometric errors (:mod:`kinematic_errors`), joints that are moved
+to ``q + network(q)``, and a small motion of the end effector that depends on all joints. All
+parameters are in natural units: each is as likely to be one as any other, by the Gaussian prior of
+unit variance that the fit puts on them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from annik_core.pose import FloatArray
+from annik_core.robots.arm import ArmKinematics, ScrewChain
+from annik_core.robots.corrections import ArmCorrections, JointNetworks, PoseNetwork
+from annik_core.robots.kinematic_errors import (
+    ErrorKind,
+    GeometricError,
+    geometric_errors,
+    placements_of,
+)
+from annik_core.robots.robot import Robot
+from annik_training.calibration.errors import UnsupportedRobot
+
+
+class Part(Enum):
+    """A part of the model that a fit may use or leave out."""
+
+    GEOMETRY = "geometry"
+    ALIGNMENT = "alignment"
+    JOINT_NETWORKS = "joint networks"
+    POSE_NETWORK = "pose network"
+
+
+#: What Denavit and Hartenberg's parameters leave out; but for the end effector, of which their
+#: four say too little to do without.
+_ALIGNMENTS = (ErrorKind.ALIGNMENT_OF_BASE, ErrorKind.LINK_ALIGNMENT)
+#: Hidden units of each joint's network: enough for one period of a gear error in a working box.
+JOINT_UNITS = 4
+#: Hidden units of the network of the end effector's motion.
+POSE_UNITS = 6
+
+_DEGREE = np.pi / 180.0
+#: What is one in natural units: of an angle [rad] and of a length [m], by the kind of error.
+_ANGLES = {ErrorKind.JOINT_ZERO: 0.5 * _DEGREE}
+_ANGLE, _LENGTH = 0.3 * _DEGREE, 1e-3
+#: Of a joint network's output [rad] or, of a prismatic joint, [m].
+_JOINT_ANGLE, _JOINT_LENGTH = 0.3 * _DEGREE, 0.3e-3
+#: Of a hidden unit's slope over the half width of the box.
+_SLOPE = 1.5
+#: Of the pose network's outputs: three linear [m], three angular [rad].
+_MOTION = np.array([2e-4, 2e-4, 2e-4, 0.02 * _DEGREE, 0.02 * _DEGREE, 0.02 * _DEGREE])
+
+
+class Evaluated(NamedTuple):
+    """What a model says of some joint positions.
+
+    Attributes:
+        positions: ``(n, 3)`` of the end effector in the base frame [m].
+        rotations: ``(n, 3, 3)``.
+        columns: ``(n, 6, p)`` derivatives by the parameters: linear [m] and angular [rad] motion
+            of the end effector in the axes of the base frame.
+    """
+
+    positions: FloatArray
+    rotations: FloatArray
+    columns: FloatArray
+
+
+class _Screw(NamedTuple):
+    """An axis in the base frame, about or along which something moves."""
+
+    is_rotation: bool
+    direction: FloatArray
+    point: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GrayBoxModel:
+    """The model of one arm.
+
+    Attributes:
+        robot: the nominal arm.
+        parts: what of the model is used; the parameters of the other parts don't exist.
+    """
+
+    robot: Robot
+    parts: frozenset[Part]
+
+    @cached_property
+    def errors(self) -> tuple[GeometricError, ...]:
+        """The geometric errors that are parameters, in the order in which they act."""
+        return tuple(
+            error
+            for error in geometric_errors(nominal_kinematics(self.robot))
+            if (Part.ALIGNMENT if error.kind in _ALIGNMENTS else Part.GEOMETRY) in self.parts
+        )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """What each parameter is."""
+        names = [error.name for error in self.errors]
+        if Part.JOINT_NETWORKS in self.parts:
+            names += [
+                correction_name(joint)
+                for joint in self.robot.joint_names
+                for _ in range(3 * JOINT_UNITS)
+            ]
+        if Part.POSE_NETWORK in self.parts:
+            names += ["motion of the end effector"] * self._pose_parameters
+        return tuple(names)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.names)
+
+    def amount(self, error: GeometricError, parameter: float) -> float:
+        """How large a geometric error is [rad or m] by its parameter."""
+        return parameter * _unit(error)
+
+    def start(self, rng: np.random.Generator) -> FloatArray:
+        """Parameters ``(p,)`` to begin a fit at: the nominal robot, its networks at random."""
+        start = np.zeros(self.size)
+        networks = slice(len(self.errors), None)
+        start[networks] = rng.normal(size=self.size - len(self.errors))
+        joints, pose = self._split(start)
+        # With nothing to say at first, and different hidden units to say it with.
+        if joints is not None:
+            joints[..., 0] *= 0.1
+        if pose is not None:
+            pose[-6 * POSE_UNITS :] *= 0.1
+        return start
+
+    def positions_and_rotations(
+        self, parameters: FloatArray, joint_positions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """``(n, 3)`` and ``(n, 3, 3)`` for parameters ``(p,)``, joint positions ``(n, dof)``."""
+        positions, rotations, _, _ = self._forward(parameters, joint_positions)
+        return positions, rotations
+
+    def evaluate(self, parameters: FloatArray, joint_positions: FloatArray) -> Evaluated:
+        """The same with the derivatives by the parameters."""
+        positions, rotations, screws, joint_screws = self._forward(parameters, joint_positions)
+        columns = np.empty((len(joint_positions), 6, self.size))
+        for index, (error, screw) in enumerate(zip(self.errors, screws, strict=True)):
+            columns[:, :, index] = _column(screw, positions) * _unit(error)
+        joints, pose = self._split(parameters)
+        place = len(self.errors)
+        if joints is not None:
+            for index, screw in enumerate(joint_screws):
+                motion = _column(screw, positions)
+                slopes = self._joint_slopes(joints[index], joint_positions[:, index], index)
+                width = slopes.shape[1]
+                columns[:, :, place : place + width] = motion[:, :, None] * slopes[:, None, :]
+                place += width
+        if pose is not None:
+            columns[:, :, place:] = self._pose_columns(pose, joint_positions, rotations)
+        return Evaluated(positions, rotations, columns)
+
+    def correction_slopes(
+        self, parameters: FloatArray, joint_positions: FloatArray, index: int
+    ) -> FloatArray:
+        """``(n, 3 units)`` derivatives of one joint's correction by its network's parameters."""
+        joints, _ = self._split(parameters)
+        assert joints is not None
+        return self._joint_slopes(joints[index], joint_positions[:, index], index)
+
+    def corrections(self, parameters: FloatArray) -> ArmCorrections:
+        """What a robot definition says of these parameters ``(p,)``."""
+        amounts = parameters[: len(self.errors)] * [_unit(error) for error in self.errors]
+        joints, pose = self._split(parameters)
+        return ArmCorrections(
+            placements_of(self.errors, amounts, self.robot.dof),
+            None if joints is None else self._joint_networks(joints),
+            None if pose is None else self._pose_network(pose),
+        )
+
+    def _forward(
+        self, parameters: FloatArray, joint_positions: FloatArray
+    ) -> tuple[FloatArray, FloatArray, list[_Screw], list[_Screw]]:
+        chain, joints, pose = self._chain, *self._split(parameters)
+        actual = joint_positions
+        if joints is not None:
+            actual = self._joint_networks(joints).actual(joint_positions)
+        count = len(joint_positions)
+        rotation, position = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+        screws: list[_Screw] = []
+        joint_screws: list[_Screw] = []
+        errors = list(zip(self.errors, parameters, strict=False))
+        for place in range(self.robot.dof + 1):
+            if place > 0:
+                rotation, position = _after(rotation, position, chain.placements[place - 1])
+                linear, angular = chain.axes[place - 1, :3], chain.axes[place - 1, 3:]
+                turns = bool(np.any(angular))
+                axis = angular if turns else linear
+                joint_screws.append(_Screw(turns, rotation @ axis, position))
+                if turns:
+                    rotation = rotation @ _turns(axis, actual[:, place - 1])
+                else:
+                    position = position + actual[:, place - 1, None] * (rotation @ axis)
+            for error, parameter in errors:
+                if error.place != place:
+                    continue
+                point = position + rotation @ error.point
+                screws.append(_Screw(error.is_rotation, rotation @ error.direction, point))
+                motion = error.motion(float(parameter) * _unit(error))
+                rotation, position = _after(rotation, position, motion)
+        rotation, position = _after(rotation, position, chain.placements[-1])
+        if pose is not None:
+            motions = self._pose_network(pose).motions(joint_positions)
+            linear, angular = motions[:, :3], motions[:, 3:]
+            shift = linear + 0.5 * np.cross(angular, linear)
+            position = position + np.einsum("nij,nj->ni", rotation, shift)
+            rotation = rotation @ _exponentials(angular)
+        return position, rotation, screws, joint_screws
+
+    @cached_property
+    def _chain(self) -> ScrewChain:
+        return nominal_kinematics(self.robot).screws
+
+    @property
+    def _pose_parameters(self) -> int:
+        return POSE_UNITS * (self.robot.dof + 1 + 6)
+
+    def _split(self, parameters: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
+        """Views of the joint networks' ``(dof, units, 3)`` and the pose network's parameters."""
+        rest = parameters[len(self.errors) :]
+        joints = pose = None
+        if Part.JOINT_NETWORKS in self.parts:
+            size = self.robot.dof * JOINT_UNITS * 3
+            joints, rest = rest[:size].reshape(self.robot.dof, JOINT_UNITS, 3), rest[size:]
+        if Part.POSE_NETWORK in self.parts:
+            pose = rest
+        return joints, pose
+
+    @cached_property
+    def scale(self) -> tuple[FloatArray, FloatArray]:
+        """Centre and half width of the working box, one for a joint that is locked."""
+        box = self.robot.joint_box
+        half = 0.5 * (box.upper - box.lower)
+        return box.centre, np.where(half > 0.0, half, 1.0)
+
+    @cached_property
+    def _joint_units(self) -> FloatArray:
+        return np.array(
+            [
+                _JOINT_ANGLE if kind == "revolute" else _JOINT_LENGTH
+                for kind in self.robot.joint_types
+            ]
+        )
+
+    def _joint_networks(self, joints: FloatArray) -> JointNetworks:
+        return JointNetworks(
+            *self.scale,
+            _SLOPE * joints[..., 1],
+            joints[..., 2].copy(),
+            joints[..., 0] * self._joint_units[:, None],
+        )
+
+    def _joint_slopes(
+        self, joint: FloatArray, joint_positions: FloatArray, index: int
+    ) -> FloatArray:
+        """``(n, 3 units)`` derivatives of one joint's correction by its parameters."""
+        centre, half = (values[index] for values in self.scale)
+        scaled = ((joint_positions - centre) / half)[:, None]
+        active = np.tanh(_SLOPE * joint[:, 1] * scaled + joint[:, 2])
+        inner = joint[:, 0] * (1.0 - active**2)
+        slopes = np.stack([active, inner * _SLOPE * scaled, inner], axis=-1)
+        flat: FloatArray = slopes.reshape(len(joint_positions), -1) * self._joint_units[index]
+        return flat
+
+    def _pose_network(self, pose: FloatArray) -> PoseNetwork:
+        inputs, biases, outputs = self._pose_weights(pose)
+        return PoseNetwork(*self.scale, inputs, biases, _MOTION[:, None] * outputs)
+
+    def _pose_weights(self, pose: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        dof = self.robot.dof
+        inputs, biases, outputs = np.split(pose, [POSE_UNITS * dof, POSE_UNITS * (dof + 1)])
+        return inputs.reshape(POSE_UNITS, dof), biases, outputs.reshape(6, POSE_UNITS)
+
+    def _pose_columns(
+        self, pose: FloatArray, joint_positions: FloatArray, rotations: FloatArray
+    ) -> FloatArray:
+        """``(n, 6, p)``; the motions are so small that their own turn does not count."""
+        network = self._pose_network(pose)
+        scaled = (joint_positions - network.centre) / network.half_width
+        active = network.activations(joint_positions)
+        count = len(joint_positions)
+        by_bias = network.output_weights * (1.0 - active**2)[:, None, :]
+        by_input = by_bias[..., None] * scaled[:, None, None, :]
+        by_output = np.zeros((count, 6, 6, POSE_UNITS))
+        by_output[:, range(6), range(6)] = _MOTION[:, None] * active[:, None, :]
+        columns = np.concatenate(
+            [by_input.reshape(count, 6, -1), by_bias, by_output.reshape(count, 6, -1)], axis=2
+        )
+        return np.concatenate([rotations @ columns[:, :3], rotations @ columns[:, 3:]], axis=1)
+
+
+def nominal_kinematics(robot: Robot) -> ArmKinematics:
+    """An arm's own kinematics.
+
+    Raises:
+        UnsupportedRobot: if it is no arm, or already a learned one.
+    """
+    kinematics = robot.forward_kinematics
+    if not isinstance(kinematics, ArmKinematics) or kinematics.placements is not None:
+        raise UnsupportedRobot(robot.name, robot.kind)
+    return kinematics
+
+
+def correction_name(joint: str) -> str:
+    """What the parameters of a joint's network are called."""
+    return f"{joint}: correction by its position"
+
+
+def _unit(error: GeometricError) -> float:
+    return _ANGLES.get(error.kind, _ANGLE) if error.is_rotation else _LENGTH
+
+
+def _column(screw: _Screw, positions: FloatArray) -> FloatArray:
+    """``(n, 6)`` motion of the end effector by a unit of motion about or along an axis."""
+    if not screw.is_rotation:
+        return np.concatenate([screw.direction, np.zeros_like(screw.direction)], axis=1)
+    linear = np.cross(screw.direction, positions - screw.point)
+    return np.concatenate([linear, screw.direction], axis=1)
+
+
+def _after(
+    rotation: FloatArray, position: FloatArray, motion: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Rotations ``(n, 3, 3)`` and positions ``(n, 3)`` after a motion ``(4, 4)`` of theirs."""
+    return rotation @ motion[:3, :3], position + rotation @ motion[:3, 3]
+
+
+def _turns(axis: FloatArray, angles: FloatArray) -> FloatArray:
+    """``(n, 3, 3)`` turns about one axis."""
+    return _exponentials(angles[:, None] * axis)
+
+
+def _exponentials(rotation_vectors: FloatArray) -> FloatArray:
+    matrices: FloatArray = Rotation.from_rotvec(rotation_vectors).as_matrix()
+    return matrices

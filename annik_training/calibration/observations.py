@@ -1,0 +1,125 @@
+"""Measured poses as a fit needs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from annik_core.dataset import Dataset
+from annik_core.errors import NonFiniteValue
+from annik_core.pose import FloatArray
+from annik_core.robots.robot import Robot
+
+
+def is_measured_alike(one: Robot, other: Robot) -> bool:
+    """Whether measured poses of one are of the other too: its joints, and between its frames."""
+    return (one.joint_names, one.base_frame, one.end_effector_frame) == (
+        other.joint_names,
+        other.base_frame,
+        other.end_effector_frame,
+    )
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of a measured pose.
+
+    Attributes:
+        position: of each coordinate [m].
+        orientation: of each component of the rotation vector [rad].
+    """
+
+    position: float
+    orientation: float
+
+    def scaled(self, factor: float) -> Noise:
+        """Both, times a factor."""
+        return Noise(factor * self.position, factor * self.orientation)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Joint positions as commanded and poses as measured.
+
+    Attributes:
+        joint_positions: ``(n, dof)`` [rad or m].
+        positions: ``(n, 3)`` [m].
+        rotations: ``(n, 3, 3)``.
+        has_orientation: whether the rotations were measured too; if not, they mean nothing.
+        weights: ``(n,)`` how much each counts, 0 to 1.
+    """
+
+    joint_positions: FloatArray
+    positions: FloatArray
+    rotations: FloatArray
+    has_orientation: bool
+    weights: FloatArray
+
+    @classmethod
+    def of(cls, dataset: Dataset, *, position_only: bool = False) -> Observations:
+        """All examples of a dataset, with full weight.
+
+        Raises:
+            NonFiniteValue: naming the first row that is not all numbers.
+        """
+        measured = 3 if position_only else 7
+        for name, array in (
+            ("joint positions", dataset.joint_positions),
+            ("poses", dataset.poses[:, :measured]),
+        ):
+            for row, column in np.argwhere(~np.isfinite(array))[:1]:
+                raise NonFiniteValue(f"row {row} of the {name}", float(array[row, column]))
+        rotations = np.tile(np.eye(3), (len(dataset), 1, 1))
+        if not position_only:
+            rotations = Rotation.from_quat(dataset.poses[:, 3:]).as_matrix()
+        return cls(
+            dataset.joint_positions,
+            dataset.poses[:, :3],
+            rotations,
+            not position_only,
+            np.ones(len(dataset)),
+        )
+
+    def __len__(self) -> int:
+        """Number of examples."""
+        return len(self.positions)
+
+    @property
+    def rows(self) -> int:
+        """Numbers per example that were measured."""
+        return 6 if self.has_orientation else 3
+
+    def weighted(self, weights: FloatArray) -> Observations:
+        """The same with other weights ``(n,)``."""
+        return replace(self, weights=weights)
+
+    def where(self, keep: NDArray[np.bool_]) -> Observations:
+        """Those where ``keep`` ``(n,)`` is true."""
+        return Observations(
+            self.joint_positions[keep],
+            self.positions[keep],
+            self.rotations[keep],
+            self.has_orientation,
+            self.weights[keep],
+        )
+
+    def residuals(self, positions: FloatArray, rotations: FloatArray, noise: Noise) -> FloatArray:
+        """``(n, rows)`` what a model says minus what was measured, in standard deviations."""
+        linear = (positions - self.positions) / noise.position
+        if not self.has_orientation:
+            return linear
+        turns = Rotation.from_matrix(rotations @ np.swapaxes(self.rotations, 1, 2))
+        return np.concatenate([linear, turns.as_rotvec() / noise.orientation], axis=1)
+
+    def derivatives(self, columns: FloatArray, noise: Noise) -> FloatArray:
+        """``(n, rows, p)`` of the residuals, from those of the pose ``(n, 6, p)``.
+
+        To first order in the residuals' angles, which are small.
+        """
+        linear = columns[:, :3] / noise.position
+        if not self.has_orientation:
+            return linear
+        return np.concatenate([linear, columns[:, 3:] / noise.orientation], axis=1)

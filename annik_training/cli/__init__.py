@@ -1,0 +1,1 @@
+"""The ``annik`` command line."""

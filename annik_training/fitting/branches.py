@@ -1,0 +1,73 @@
+"""One branch: which examples a network can learn as a function of the pose.
+
+Where a working joint box reaches across a singularity, some poses have two solutions in it, and a
+network that is shown both learns neither. The branch that most of the examples are on, told by
+the sign of the Jacobian's determinant, is the main one. An example on the other is left out if the
+main one reaches its pose too, inside the box; if not, it is the only way there, and stays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from annik_core.pose import FloatArray
+from annik_core.robots.robot import Robot
+from annik_core.solver.options import RefinementOptions
+from annik_core.solver.refinement import Refinement, jacobian_of
+from annik_core.solver.singularity import reflected_across_fold
+
+#: Steps of the search for the other solution; nothing hurries here.
+_STEPS = 40
+
+
+def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None:
+    """Signs ``(n,)`` of the Jacobian's determinant at joint positions ``(n, dof)``.
+
+    Returns:
+        +1 or -1 per example. None for the gantry, which has one branch, and for an arm that has
+        not six joints that move: then the Jacobian has no determinant.
+    """
+    free = robot.joint_box.free
+    if robot.kind != "arm" or len(free) != 6:
+        return None
+    jacobians = robot.forward_kinematics.jacobians(joint_positions)[:, :, free]
+    signs: FloatArray = np.where(np.linalg.det(jacobians) < 0.0, -1.0, 1.0)
+    return signs
+
+
+def single_branch(
+    robot: Robot, joint_positions: FloatArray, poses: FloatArray
+) -> NDArray[np.bool_]:
+    """Which examples to learn ``(n,)``: all but second solutions of what the main branch reaches.
+
+    Args:
+        robot: the robot.
+        joint_positions: ``(n, dof)``.
+        poses: ``(n, 7)``: where they lead.
+    """
+    keep = np.ones(len(joint_positions), dtype=bool)
+    signs = branch_signs(robot, joint_positions)
+    if signs is None:
+        return keep
+    main = 1.0 if np.sum(signs) >= 0 else -1.0
+    refinement = Refinement(
+        robot.forward_kinematics, robot.joint_box, RefinementOptions(max_newton_steps=_STEPS)
+    )
+    for row in np.flatnonzero(signs != main):
+        keep[row] = not _reaches(refinement, robot, main, joint_positions[row], poses[row])
+    return keep
+
+
+def _reaches(
+    refinement: Refinement, robot: Robot, sign: float, other: FloatArray, pose: FloatArray
+) -> bool:
+    """Whether some joint positions of the box on the branch of this sign reach a pose."""
+    jacobian = jacobian_of(robot.forward_kinematics.error_to(pose))
+    beyond = reflected_across_fold(jacobian, other, robot.joint_box.free)
+    for start in (beyond, robot.joint_box.centre):
+        found = refinement.refined(start, pose)
+        signs = branch_signs(robot, found.joint_positions[np.newaxis])
+        if found.converged and signs is not None and signs[0] == sign:
+            return True
+    return False

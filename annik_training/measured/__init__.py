@@ -1,1 +1,0 @@
-"""Learn the robot that is there from poses measured on it."""

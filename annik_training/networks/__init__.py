@@ -1,0 +1,1 @@
+"""Networks: encoding of poses, layers, export to ONNX."""

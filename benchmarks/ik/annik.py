@@ -1,0 +1,69 @@
+"""annik itself as two of the solvers: the network alone, and its answer refined.
+
+Both are :class:`ik_solver.IkSolver` as the node calls it, one target at a time and
+without the answer before, with the checks of target, workspace and joint limits that it always
+makes. The network alone does not reach the accuracy that is asked for: its residual limits are
+wide open, so that it answers all the same. Refined has the default options.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol, runtime_checkable
+
+from annik_core.installation import VERSION
+from annik_core.model.artifact import ModelArtifact
+from annik_core.pose import FloatArray
+from annik_core.safety import AcceptanceLimits
+from annik_core.solver.ik_solver import IkSolver, SolverMode
+from benchmarks.ik.peers.peer import Kind, Peer
+
+NETWORK = "annik, network"
+REFINED = "annik, refined"
+
+
+@runtime_checkable
+class BatchSolver(Protocol):
+    """A solver that takes many poses in one call."""
+
+    def solve_batch(self, poses: FloatArray) -> object:
+        """Solve poses ``(n, 7)``; only the time is of interest."""
+        ...
+
+
+class _Annik(Peer):
+    kind: Kind = "ours"
+
+    def __init__(self, name: str, solver: IkSolver, settings: str) -> None:
+        self.name = name
+        self.version = VERSION
+        self.settings = settings
+        self._solver = solver
+
+    def solve(self, pose: FloatArray) -> FloatArray | None:
+        """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
+        return self._solver.solve(pose).joint_positions
+
+    def solve_batch(self, poses: FloatArray) -> object:
+        """See :class:`BatchSolver`."""
+        return self._solver.solve_batch(poses)
+
+
+def our_solvers(artifact: ModelArtifact) -> list[Peer]:
+    """Network and refined, both with the network of one model file."""
+    open_limits = AcceptanceLimits(math.inf, math.inf)
+    refined = IkSolver(artifact, mode=SolverMode.REFINED)
+    options = refined.refinement_options
+    return [
+        _Annik(
+            NETWORK,
+            IkSolver(artifact, open_limits, SolverMode.NETWORK),
+            "the network's answer as it is, no limit on the residual",
+        ),
+        _Annik(
+            REFINED,
+            refined,
+            f"tolerance {options.tolerance:g}, up to {options.max_newton_steps} steps from the "
+            "network's answer, no random restarts, limits = box",
+        ),
+    ]

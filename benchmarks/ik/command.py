@@ -1,0 +1,129 @@
+"""``annik bench ik``: what it shows in the terminal, and the files that it leaves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
+
+from annik_core.errors import AnnikError
+from annik_core.files import ensure_writable_folder, write_files_atomically
+from annik_core.installation import share_directory
+from annik_core.model.artifact import load_artifact
+from annik_core.robots.library import load_robot
+from benchmarks.ik.page import bench_page
+from benchmarks.ik.results import BenchResults, BenchSettings
+from benchmarks.ik.robot_problem import robot_problem
+from benchmarks.ik.run import run_bench
+from benchmarks.ik.terminal import print_results
+
+PAGE = "ik_bench.md"
+DATA = "ik_bench.json"
+#: Where both go in the documentation.
+_DOCS_FOLDER = "results"
+_FILE_WIDTH = 120
+
+
+class NoModelForBench(AnnikError):
+    """There is no packaged model of the robot, and no other was given."""
+
+    def __init__(self, robot: str, path: Path) -> None:
+        self.robot = robot
+        self.path = path
+        super().__init__(
+            f"there is no packaged model of {robot} ({path}): train one with "
+            f"'annik train --robot {robot} --out {path.name}' and give it with "
+            f"--model {path.name}"
+        )
+
+
+class BenchNotWritable(AnnikError):
+    """A file of the benchmark can't be written."""
+
+    def __init__(self, folder: Path, reason: str) -> None:
+        self.folder = folder
+        super().__init__(f"the benchmark can't be written to {folder} ({reason})")
+
+
+def bench_ik_command(
+    robot_name: str, model: Path | None, settings: BenchSettings, out: Path, docs: Path | None
+) -> None:
+    """Measure, show the tables, and write page and data.
+
+    Args:
+        robot_name: a packaged robot, or the path of a definition or a URDF.
+        model: the model file; left out, the packaged one of the robot.
+        settings: how much to measure.
+        out: folder for page and data.
+        docs: folder of the documentation, where they go too.
+
+    Raises:
+        AnnikError: if there is no model, it is for another robot, the robot is no arm, or a file
+            can't be written.
+    """
+    folders = [out, *([docs / _DOCS_FOLDER] if docs is not None else [])]
+    for folder in folders:
+        # Found out before the minutes of measuring, not after them.
+        try:
+            ensure_writable_folder(folder)
+        except OSError as error:
+            raise BenchNotWritable(folder, error.strerror or str(error)) from error
+    robot = load_robot(robot_name)
+    robot_problem(robot)
+    artifact = load_artifact(model or _packaged_model(robot.name), robot)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        # Each redraw takes time from the solvers; and none is in the midst of one.
+        auto_refresh=False,
+    ) as progress:
+        results = run_bench(artifact, settings, _Shown(progress))
+    console = Console()
+    # A file or a pipe has no width of its own, and rich would take 80 columns for it.
+    print_results(results, console if console.is_terminal else Console(width=_FILE_WIDTH))
+    for folder in folders:
+        _write(results, folder)
+        Console().print(f"wrote {PAGE} and {DATA} to {escape(str(folder))}", soft_wrap=True)
+
+
+def _packaged_model(robot: str) -> Path:
+    path = share_directory() / "models" / f"{robot}.onnx"
+    if not path.is_file():
+        raise NoModelForBench(robot, path)
+    return path
+
+
+class _Shown:
+    """A bar for each part of the run, drawn anew at most a hundred times."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._tasks: dict[str, TaskID] = {}
+
+    def __call__(self, part: str, done: int, total: int) -> None:
+        """See :data:`benchmarks.ik.run.OnProgress`."""
+        if part not in self._tasks:
+            self._tasks[part] = self._progress.add_task(part, total=total)
+        if done == total or done % max(1, total // 100) == 0:
+            self._progress.update(self._tasks[part], completed=done, refresh=True)
+
+
+def _write(results: BenchResults, folder: Path) -> None:
+    data = json.dumps(results.as_plain_data(), indent=2, allow_nan=False) + "\n"
+    try:
+        write_files_atomically(folder, {PAGE: bench_page(results).encode(), DATA: data.encode()})
+    except OSError as error:
+        raise BenchNotWritable(folder, error.strerror or str(error)) from error

@@ -1,0 +1,119 @@
+"""Whether a solver's answers move on evenly where its targets do.
+
+The solvers are called as for any target, without the answer before: what is asked is whether an
+answer is a function of the pose, and a continuous one. Answers are taken as a robot would be
+commanded them, right or wrong; where there is none, the next one is compared with the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from annik_core.pose import FloatArray
+from benchmarks.ik.peers.peer import Peer
+from benchmarks.ik.query import ask, no_garbage_collection
+from benchmarks.ik.straight_paths import StraightPath
+from benchmarks.ik.verification import Verifier
+
+#: A branch change: a step that is larger than the reference's largest by this factor
+FACTOR = 1.5
+#: and by this much [rad or m].
+MARGIN = 0.02
+
+
+@dataclass(frozen=True)
+class PathResult:
+    """How one solver did on the paths.
+
+    Attributes:
+        paths: how many there were.
+        solved: paths of which every point was solved, by the independent forward kinematics.
+        changing: paths with a branch change: a joint step of more than :data:`FACTOR` times the
+            largest of the path's own continuous solution, and :data:`MARGIN` more than it.
+        largest_step: of a joint from one point to the next, on all paths [rad or m].
+        largest_ratio: greatest ratio of the largest step on a path to that of its own solution.
+    """
+
+    paths: int
+    solved: int
+    changing: int
+    largest_step: float
+    largest_ratio: float
+
+    def as_plain_data(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class _OnePath:
+    solved: bool
+    changes: bool
+    largest_step: float
+    ratio: float
+
+
+def measure_paths(
+    solvers: Sequence[Peer],
+    paths: Sequence[StraightPath],
+    verifier: Verifier,
+    on_path: Callable[[int], None] = lambda done: None,
+) -> dict[str, PathResult]:
+    """Let all solvers follow all paths.
+
+    Args:
+        solvers: whom to ask; their names differ.
+        paths: at least one.
+        verifier: of the problem that the solvers were made for.
+        on_path: told how many paths are done.
+
+    Returns:
+        By the solvers' names.
+    """
+    found: dict[str, list[_OnePath]] = {solver.name: [] for solver in solvers}
+    for done, path in enumerate(paths, start=1):
+        with no_garbage_collection():
+            for solver in solvers:
+                found[solver.name].append(_one_path(solver, path, verifier))
+        on_path(done)
+    return {
+        name: PathResult(
+            paths=len(of_solver),
+            solved=sum(one.solved for one in of_solver),
+            changing=sum(one.changes for one in of_solver),
+            largest_step=max(one.largest_step for one in of_solver),
+            largest_ratio=max(one.ratio for one in of_solver),
+        )
+        for name, of_solver in found.items()
+    }
+
+
+def _one_path(solver: Peer, path: StraightPath, verifier: Verifier) -> _OnePath:
+    answers = np.full_like(path.joint_positions, np.nan)
+    dof = len(verifier.problem.joint_names)
+    for row, pose in enumerate(path.poses):
+        answer = ask(solver, pose, dof).joint_positions
+        if answer is not None:
+            answers[row] = answer
+    solved = bool(verifier.verified(answers, path.poses).right.all())
+    return _OnePath(solved, *_spread(answers, path, verifier))
+
+
+def _spread(
+    answers: FloatArray, path: StraightPath, verifier: Verifier
+) -> tuple[bool, float, float]:
+    """Whether answers ``(points, dof)`` change the branch; largest step; its ratio."""
+    answered = np.flatnonzero(np.isfinite(answers[:, 0]))
+    if len(answered) < 2:
+        return False, 0.0, 0.0
+    steps = verifier.steps(answers[answered[:-1]], answers[answered[1:]])
+    points = np.diff(answered)
+    usual = path.largest_step
+    changes = bool((steps > points * max(FACTOR * usual, usual + MARGIN)).any())
+    next_to_each_other = steps[points == 1]
+    largest = float(next_to_each_other.max()) if len(next_to_each_other) else 0.0
+    return changes, largest, largest / usual

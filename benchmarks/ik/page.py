@@ -1,0 +1,137 @@
+"""The page of the benchmark, in Markdown."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from benchmarks.ik.measure_alone import BLOCK
+from benchmarks.ik.measure_paths import FACTOR, MARGIN
+from benchmarks.ik.results import BenchResults, BenchSettings
+from benchmarks.ik.tables import COMPARABLE, BenchTable, Cell, bench_tables
+
+
+def command(results: BenchResults) -> str:
+    """What to type for the same."""
+    settings = results.settings
+    standard = asdict(BenchSettings())
+    options = [
+        f"--{name} {value}" for name, value in asdict(settings).items() if value != standard[name]
+    ]
+    if not results.model.packaged:
+        options.insert(0, f"--model {results.model.file}")
+    if results.robot != "ur5e":
+        options.insert(0, f"--robot {results.robot}")
+    return " ".join(["./run bench ik", *options])
+
+
+def bench_page(results: BenchResults) -> str:
+    """The page."""
+    targets, *others = bench_tables(results)
+    typed = command(results)
+    parts = [f"<!-- Written by {typed} -->", _introduction(results), _markdown(targets)]
+    parts.append(_about_targets(results))
+    for table in others:
+        parts += [_markdown(table), _ABOUT[table.title](results)]
+    parts += [_who(results), _skipped(results), _conditions(results), f"Made by `{typed}`."]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _introduction(results: BenchResults) -> str:
+    settings, model = results.settings, results.model
+    return (
+        f"Inverse kinematics of {results.robot}: annik and the solvers of others on the same "
+        f"{settings.targets} random targets, one at a time, interleaved in one run. annik's "
+        f"network is `{model.file}`: {model.examples} examples ({model.design}), hidden layers "
+        f"{', '.join(map(str, model.hidden_units))}, SHA-256 {model.sha256[:12]}. In bold: the "
+        "best of the numerical solvers (annik among them), and the best of all, closed forms "
+        f"included. Solvers that solve less than {100 * COMPARABLE:.0f} % of the targets take no "
+        "part in the comparison of times, steps and rates."
+    )
+
+
+def _about_targets(results: BenchResults) -> str:
+    return (
+        "Success: 1e-6 m and 1e-6 rad, by a forward kinematics of its own, whatever the solver "
+        "says. In box: solved within the working joint box, from which the targets come; this is "
+        "the branch that is asked for. Whole turns of a joint are taken off first. The time of a "
+        f"target is the median of {results.settings.rounds} calls, one in each of as many "
+        "rounds, so that what else the machine does counts little. Solvers with a time limit "
+        "find less on a loaded machine." + _faults(results)
+    )
+
+
+def _faults(results: BenchResults) -> str:
+    named = [
+        f"{name}: {fault} ({count} times)"
+        for name, found in results.targets.items()
+        for fault, count in found.faults.items()
+    ]
+    return f" Faults, counted as failed: {'; '.join(named)}." if named else ""
+
+
+def _about_paths(results: BenchResults) -> str:
+    found = next(iter(results.paths.values()))
+    return (
+        f"{found.paths} straight lines of {results.settings.points} points that can be followed "
+        f"inside the box without a jump ({results.lines_tried} were tried). No solver is told its "
+        "answer before. Branch changes: lines with a joint step of more than "
+        f"{FACTOR:g} times the largest that is needed, and {MARGIN:g} rad more than it. "
+        "Steps are taken between the answers that a solver gives, right or wrong."
+    )
+
+
+def _about_alone(_: BenchResults) -> str:
+    return (
+        f"The same targets, {BLOCK} of them in a row by one solver before the next has its turn: "
+        "its code and data stay in the processor's caches; above, each call finds there what "
+        "ten others have left. A node is between the two. Single calls, interrupted or not; on a "
+        "machine that is shared the fastest tenth is the nearest to an idle one."
+    )
+
+
+def _about_throughput(_: BenchResults) -> str:
+    return "annik takes a batch in one call; the others are called pose by pose."
+
+
+_ABOUT = {
+    "Each solver alone": _about_alone,
+    "Straight paths": _about_paths,
+    "Throughput": _about_throughput,
+}
+
+
+def _who(results: BenchResults) -> str:
+    rows = [
+        [Cell(solver.name), Cell(solver.version), Cell(solver.settings)]
+        for solver in results.solvers
+    ]
+    return _markdown(BenchTable("Solvers and settings", ("solver", "version", "settings"), rows))
+
+
+def _skipped(results: BenchResults) -> str:
+    if not results.skipped:
+        return ""
+    return "Skipped:\n\n" + "\n".join(f"- {name}: {reason}" for name, reason in results.skipped)
+
+
+def _conditions(results: BenchResults) -> str:
+    ran_on = results.conditions
+    libraries = ", ".join(f"{name} {version}" for name, version in ran_on.libraries.items())
+    threads = ", ".join(f"{name}={value}" for name, value in ran_on.threads.items())
+    return (
+        f"{ran_on.processor}, {ran_on.cores} cores, load {ran_on.load_before:.1f} before and "
+        f"{ran_on.load_after:.1f} after (the benchmark itself is 1), Python {ran_on.python}, "
+        f"{libraries}{', ' + threads if threads else ''}."
+    )
+
+
+def _markdown(table: BenchTable) -> str:
+    numbers = len(table.columns) - 2 if table.columns[1] == "kind" else 0
+    rules = ["---"] * (len(table.columns) - numbers) + ["---:"] * numbers
+    lines = [
+        table.columns,
+        rules,
+        *([f"**{cell.text}**" if cell.best else cell.text for cell in row] for row in table.rows),
+    ]
+    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return f"#### {table.title}\n\n{body}"

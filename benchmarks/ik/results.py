@@ -1,0 +1,133 @@
+"""What the benchmark found, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from annik_core.installation import share_directory
+from annik_core.model.artifact import ModelArtifact
+from benchmarks.ik.conditions import Conditions
+from benchmarks.ik.measure import TargetResult
+from benchmarks.ik.measure_alone import AloneResult
+from benchmarks.ik.measure_paths import PathResult
+from benchmarks.ik.peers.peer import Kind, Peer
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """How much is measured.
+
+    Attributes:
+        targets: random poses.
+        paths: straight lines.
+        points: on each line.
+        rounds: how often each solver is timed on each target.
+        seed: of targets and lines; apart from those of training, so that none is an example.
+    """
+
+    targets: int = 2000
+    paths: int = 200
+    points: int = 100
+    rounds: int = 3
+    seed: int = 2026
+
+
+@dataclass(frozen=True)
+class SolverEntry:
+    """A solver that took part: what it is and how it was set."""
+
+    name: str
+    version: str
+    kind: Kind
+    settings: str
+
+    @classmethod
+    def of(cls, solver: Peer) -> SolverEntry:
+        """The entry of a solver."""
+        return cls(solver.name, solver.version, solver.kind, solver.settings)
+
+
+@dataclass(frozen=True)
+class ModelEntry:
+    """The model file that annik took part with.
+
+    Attributes:
+        file: its name.
+        sha256: of the file.
+        examples: it was trained on.
+        design: of experiments that they come from.
+        hidden_units: of the network.
+        packaged: whether it comes with annik.
+    """
+
+    file: str
+    sha256: str
+    examples: int
+    design: str
+    hidden_units: tuple[int, ...]
+    packaged: bool
+
+    @classmethod
+    def of(cls, artifact: ModelArtifact) -> ModelEntry:
+        """The entry of a model file."""
+        metadata = artifact.metadata
+        return cls(
+            artifact.path.name,
+            artifact.sha256,
+            metadata.examples,
+            metadata.design,
+            tuple(metadata.hidden_units),
+            artifact.path.parent == share_directory() / "models",
+        )
+
+
+@dataclass(frozen=True)
+class BenchResults:
+    """Everything that the benchmark found.
+
+    Attributes:
+        robot: its name.
+        model: the model file.
+        settings: how much was measured.
+        solvers: who took part, in the order of the tables.
+        skipped: each solver that did not, with the reason.
+        targets: by the solvers' names.
+        alone: likewise.
+        paths: likewise; empty if the robot has no such paths.
+        lines_tried: to find the paths.
+        throughput: poses per second by name and size of batch.
+        conditions: what it ran on.
+    """
+
+    robot: str
+    model: ModelEntry
+    settings: BenchSettings
+    solvers: Sequence[SolverEntry]
+    skipped: Sequence[tuple[str, str]]
+    targets: Mapping[str, TargetResult]
+    alone: Mapping[str, AloneResult]
+    paths: Mapping[str, PathResult]
+    lines_tried: int
+    throughput: Mapping[str, Mapping[int, float]]
+    conditions: Conditions
+
+    def as_plain_data(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "robot": self.robot,
+            "model": asdict(self.model),
+            "settings": asdict(self.settings),
+            "conditions": self.conditions.as_plain_data(),
+            "solvers": [asdict(solver) for solver in self.solvers],
+            "skipped": [{"name": name, "reason": reason} for name, reason in self.skipped],
+            "targets": {name: found.as_plain_data() for name, found in self.targets.items()},
+            "alone": {name: found.as_plain_data() for name, found in self.alone.items()},
+            "paths": {name: found.as_plain_data() for name, found in self.paths.items()},
+            "lines_tried": self.lines_tried,
+            "poses_per_second": {
+                name: {str(size): rate for size, rate in rates.items()}
+                for name, rates in self.throughput.items()
+            },
+        }

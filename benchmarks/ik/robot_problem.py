@@ -1,0 +1,37 @@
+"""The problem that every solver of the benchmark is given, made of a robot."""
+
+from __future__ import annotations
+
+from annik_core.errors import AnnikError
+from annik_core.robots.robot import Robot
+from benchmarks.ik.peers.problem import IkProblem
+
+
+class NotAnArm(AnnikError):
+    """The benchmark needs a URDF, which only arms have."""
+
+    def __init__(self, robot: str) -> None:
+        self.robot = robot
+        super().__init__(
+            f"{robot} is not an arm: the solvers of 'bench ik' are given the URDF of a serial arm"
+        )
+
+
+def robot_problem(robot: Robot) -> IkProblem:
+    """Chain, frames, limits and working box of an arm, for the solvers.
+
+    Raises:
+        NotAnArm: if it is none.
+    """
+    if robot.kind != "arm":
+        raise NotAnArm(robot.name)
+    return IkProblem(
+        urdf=str(robot.definition["urdf"]),
+        base_frame=robot.base_frame,
+        end_effector_frame=robot.end_effector_frame,
+        joint_names=robot.joint_names,
+        lower=robot.joint_limits.lower,
+        upper=robot.joint_limits.upper,
+        box_lower=robot.joint_box.lower,
+        box_upper=robot.joint_box.upper,
+    )

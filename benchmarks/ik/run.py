@@ -1,0 +1,103 @@
+"""The whole benchmark: targets, paths, throughput, with all solvers that are there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from annik_core.model.artifact import ModelArtifact
+from benchmarks.ik import throughput
+from benchmarks.ik.annik import our_solvers
+from benchmarks.ik.conditions import conditions, load
+from benchmarks.ik.measure import measure_targets
+from benchmarks.ik.measure_alone import measure_alone
+from benchmarks.ik.measure_paths import measure_paths
+from benchmarks.ik.peers.library import available_peers
+from benchmarks.ik.results import BenchResults, BenchSettings, ModelEntry, SolverEntry
+from benchmarks.ik.robot_problem import robot_problem
+from benchmarks.ik.straight_paths import straight_paths
+from benchmarks.ik.targets import random_targets
+from benchmarks.ik.verification import Verifier
+
+#: Targets that are asked before any counts.
+WARM_UP = 50
+
+#: Told what is going on, how much of it is done, and of how much.
+OnProgress = Callable[[str, int, int], None]
+
+
+def run_bench(
+    artifact: ModelArtifact, settings: BenchSettings, on_progress: OnProgress
+) -> BenchResults:
+    """Measure all solvers on one robot.
+
+    Args:
+        artifact: the model file that annik takes part with; its robot is the one.
+        settings: how much to measure.
+        on_progress: see :data:`OnProgress`.
+
+    Raises:
+        NotAnArm: see :func:`benchmarks.ik.robot_problem.robot_problem`.
+    """
+    robot = artifact.robot
+    problem = robot_problem(robot)
+    verifier = Verifier(problem)
+    peers, skipped = available_peers(problem)
+    solvers = [*our_solvers(artifact), *peers]
+    # One stream for each part, so that the targets stay the same whatever the paths are.
+    for_targets, for_warm_up, for_paths, for_batches = (
+        np.random.default_rng(entropy)
+        for entropy in np.random.SeedSequence(settings.seed).spawn(4)
+    )
+    paths, tried = straight_paths(
+        robot,
+        settings.paths,
+        settings.points,
+        for_paths,
+        lambda done: on_progress("finding paths", done, settings.paths),
+    )
+    targets = random_targets(robot, settings.targets, for_targets)
+    load_before = load()
+    on_targets = measure_targets(
+        solvers,
+        targets,
+        random_targets(robot, WARM_UP, for_warm_up),
+        verifier,
+        settings.rounds,
+        lambda done: on_progress("targets", done, settings.rounds * settings.targets),
+    )
+    alone = measure_alone(
+        solvers,
+        targets,
+        robot.dof,
+        lambda done: on_progress("targets, each solver alone", done, settings.targets),
+    )
+    on_paths = (
+        measure_paths(
+            solvers, paths, verifier, lambda done: on_progress("paths", done, len(paths))
+        )
+        if paths
+        else {}
+    )
+    turns = throughput.turns(len(solvers), len(throughput.SIZES))
+    rates = throughput.measure_throughput(
+        solvers,
+        random_targets(robot, max(throughput.SIZES), for_batches),
+        throughput.SIZES,
+        throughput.SECONDS,
+        lambda done: on_progress("throughput", done, turns),
+    )
+    return BenchResults(
+        robot=robot.name,
+        model=ModelEntry.of(artifact),
+        settings=settings,
+        solvers=[SolverEntry.of(solver) for solver in solvers],
+        skipped=skipped,
+        targets=on_targets,
+        alone=alone,
+        paths=on_paths,
+        lines_tried=tried,
+        throughput=rates,
+        conditions=conditions(load_before),
+    )

@@ -1,0 +1,96 @@
+"""Poses per second, in batches.
+
+annik takes a batch in one call of ``solve_batch``. The others have no such call, or none of their
+Python package: they are asked for one pose after another in a loop.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from annik_core.pose import FloatArray
+from benchmarks.ik.annik import BatchSolver
+from benchmarks.ik.peers.peer import Peer
+from benchmarks.ik.query import no_garbage_collection
+
+#: Poses in a batch.
+SIZES = (1, 64, 4096)
+#: How often all solvers take their turn; the median counts.
+_ROUNDS = 3
+#: One turn repeats its batch, or ends its loop within one, after so long [s].
+SECONDS = 0.2
+
+
+def measure_throughput(
+    solvers: Sequence[Peer],
+    poses: FloatArray,
+    sizes: Sequence[int],
+    seconds: float,
+    on_turn: Callable[[int], None] = lambda done: None,
+) -> dict[str, dict[int, float]]:
+    """Poses per second of each solver for each size of batch.
+
+    Args:
+        solvers: whom to ask; their names differ.
+        poses: ``(n, 7)``, n not below the largest size.
+        sizes: of the batches.
+        seconds: how long a turn takes; longer only where one batch in one call does.
+        on_turn: told how many turns are done, of :func:`turns`.
+
+    Returns:
+        By the solvers' names, then by the size.
+    """
+    rates: dict[str, dict[int, list[float]]] = {
+        solver.name: {size: [] for size in sizes} for solver in solvers
+    }
+    done = 0
+    for _ in range(_ROUNDS):
+        for size in sizes:
+            for solver in solvers:
+                with no_garbage_collection():
+                    rates[solver.name][size].append(_rate(solver, poses, size, seconds))
+                done += 1
+                on_turn(done)
+    return {
+        name: {size: float(np.median(values)) for size, values in of_solver.items()}
+        for name, of_solver in rates.items()
+    }
+
+
+def turns(solvers: int, sizes: int) -> int:
+    """How many turns :func:`measure_throughput` takes."""
+    return _ROUNDS * sizes * solvers
+
+
+def _rate(solver: Peer, poses: FloatArray, size: int, seconds: float) -> float:
+    """Poses per second in one turn; each repetition takes the next poses."""
+    offset = solved = 0
+    begin = now = time.perf_counter()
+    while now - begin < seconds:
+        batch = poses[offset : offset + size]
+        offset = offset + size if offset + 2 * size <= len(poses) else 0
+        if isinstance(solver, BatchSolver):
+            solver.solve_batch(batch)
+            solved += len(batch)
+            now = time.perf_counter()
+            continue
+        for pose in batch:
+            _solve(solver, pose)
+            solved += 1
+            now = time.perf_counter()
+            if now - begin >= seconds:
+                break
+    return solved / (now - begin)
+
+
+def _solve(solver: Peer, pose: FloatArray) -> None:
+    try:
+        solver.solve(pose)
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    # Its faults are counted where its answers are; panics of libraries in Rust are no Exception.
+    except BaseException:
+        pass

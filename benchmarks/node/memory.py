@@ -1,0 +1,87 @@
+"""Memory over time: both nodes asked at 1 kHz by the same publisher."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from annik_core.robots.library import load_robot
+from benchmarks.node.client import Client, undisturbed
+from benchmarks.node.nodes import NULL, NodeVariant
+from benchmarks.node.process_usage import resident_megabytes
+from benchmarks.node.results import MemoryResult
+from benchmarks.node.streams import begin_with_answers
+from benchmarks.node.target_stream import Stream, TargetStreams
+from benchmarks.node.targets import pose_to_bytes, random_poses
+
+RATE = 1000.0
+_VARIANTS = (NodeVariant("ik_node", model="gantry"), NodeVariant(NULL))
+_TOPIC = "/memory/target_pose"
+#: How many different targets there are.
+_TARGETS = 20_000
+#: How often the memory is looked at.
+_SAMPLES = 120
+
+
+def measure_memory(
+    client: Client,
+    streams: TargetStreams,
+    warm_up: float,
+    minutes: float,
+    logs: Path,
+    rng: np.random.Generator,
+) -> list[MemoryResult]:
+    """Watch the memory of an ``ik_node`` for the gantry and of a null node.
+
+    Args:
+        client: takes the commands.
+        streams: publishes the targets.
+        warm_up: how long both are asked before it counts [s].
+        minutes: how long it is watched [min].
+        logs: existing folder for what the nodes print.
+        rng: draws the targets.
+
+    Raises:
+        NoAnswer: if a node never answers.
+    """
+    poses = random_poses(load_robot("gantry"), _TARGETS, rng)
+    targets = [pose_to_bytes(pose) for pose in poses]
+    count = int(RATE * (warm_up + 60.0 * minutes))
+    with ExitStack() as stack:
+        links = [client.link(f"/memory_{index}") for index in range(len(_VARIANTS))]
+        for link in links:
+            stack.callback(link.destroy)
+        processes = [
+            stack.enter_context(variant.start(link.namespace, logs, _TOPIC))
+            for variant, link in zip(_VARIANTS, links, strict=True)
+        ]
+        begin_with_answers(
+            client, streams, Stream(_TOPIC, RATE, count, targets, targets[0]), links
+        )
+        stack.enter_context(undisturbed())
+        streams.go()
+        client.spin_for(warm_up)
+        before = [link.answers for link in links]
+        samples = [[resident_megabytes(process.pid)] for process in processes]
+        while not streams.ended:
+            client.spin_for(60.0 * minutes / _SAMPLES)
+            for process, found in zip(processes, samples, strict=True):
+                found.append(resident_megabytes(process.pid))
+        streams.times()
+        for link in links:
+            client.quiet(link)
+        return [
+            _result(variant, minutes, link.answers - answers, found)
+            for variant, link, answers, found in zip(
+                _VARIANTS, links, before, samples, strict=True
+            )
+        ]
+
+
+def _result(
+    variant: NodeVariant, minutes: float, answers: int, samples: Sequence[float]
+) -> MemoryResult:
+    return MemoryResult(variant.name, minutes, answers, samples[0], samples[-1], max(samples))

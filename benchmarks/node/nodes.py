@@ -1,0 +1,65 @@
+"""The nodes that are compared, as processes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.processes import ChildProcess
+
+_MODULES = {"ik_node": "annik_ros.ik_node.node", "null_node": "benchmarks.node.null_node"}
+NULL = "null_node"
+
+
+@dataclass(frozen=True)
+class NodeVariant:
+    """A node with its parameters.
+
+    Attributes:
+        program: ``ik_node`` or ``null_node``.
+        executor: what calls it back.
+        model: of an ``ik_node``: the packaged model; empty for the null node.
+        queue_depth: how many targets may wait.
+        marked: of a null node: whether its answers say to what they are one.
+    """
+
+    program: str
+    executor: str = ExecutorChoice.EVENTS.value
+    model: str = ""
+    queue_depth: int = 1
+    marked: bool = False
+
+    @property
+    def name(self) -> str:
+        """Program and model, such as ``ik_node gantry``."""
+        return f"{self.program} {self.model}".strip().replace(NULL, "null node")
+
+    @property
+    def is_null(self) -> bool:
+        """Whether it does nothing."""
+        return self.program == NULL
+
+    def start(self, namespace: str, logs: Path, remapped: str = "") -> ChildProcess:
+        """Start it.
+
+        Args:
+            namespace: for all its topics, such as ``/null_1``.
+            logs: existing folder for what it prints.
+            remapped: where its targets come from, if not from the topic in its namespace.
+        """
+        parameters = {"executor": self.executor, "queue_depth": str(self.queue_depth)}
+        if self.model:
+            parameters["model"] = self.model
+        if self.marked:
+            parameters["marked"] = "true"
+        command = [sys.executable, "-m", _MODULES[self.program], "--ros-args"]
+        command += ["-r", f"__ns:={namespace}"]
+        if remapped:
+            command += ["-r", f"target_pose:={remapped}"]
+        for key, value in parameters.items():
+            command += ["-p", f"{key}:={value}"]
+        log = logs / f"{namespace.strip('/').replace('/', '_')}.log"
+        return ChildProcess(command, log, os.environ)

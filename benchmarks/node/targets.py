@@ -1,0 +1,48 @@
+"""Targets that a robot reaches, as the bytes of messages."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from annik_core.model.artifact import load_artifact
+from annik_core.pose import FloatArray
+from annik_core.robots.robot import Robot
+from annik_core.solver.ik_solver import IkSolver
+
+_POSE = struct.Struct("<4s7d")
+#: Little endian CDR, no options.
+_HEADER = b"\x00\x01\x00\x00"
+#: So many more are drawn as a model might fail to answer.
+_SPARE = 20
+
+
+def pose_to_bytes(pose: FloatArray) -> bytes:
+    """A ``geometry_msgs/msg/Pose`` ``(7,)`` as DDS carries it."""
+    return _POSE.pack(_HEADER, *pose.tolist())
+
+
+def answered_targets(model: str, count: int, rng: np.random.Generator) -> list[bytes]:
+    """Random poses of the working joint box of a packaged model, all of which it answers.
+
+    Args:
+        model: its name.
+        count: how many.
+        rng: draws them.
+    """
+    solver = IkSolver(load_artifact(model))
+    found: list[bytes] = []
+    while len(found) < count:
+        poses = random_poses(solver.robot, count - len(found) + _SPARE, rng)
+        found += [pose_to_bytes(pose) for pose in poses if solver.solve(pose).accepted]
+    return found[:count]
+
+
+def random_poses(robot: Robot, count: int, rng: np.random.Generator) -> FloatArray:
+    """Poses ``(count, 7)`` of random joint positions of the box, no two with the same x."""
+    joints = robot.joint_box.sample(count + _SPARE, rng)
+    poses = robot.forward_kinematics.poses(joints)
+    # What targets are told apart by; two of a million random numbers may agree.
+    first = np.unique(poses[:, 0], return_index=True)[1]
+    return poses[np.sort(first)[:count]]

@@ -1,0 +1,210 @@
+"""What ``annik study`` shows in the terminal, and the files that it leaves.
+
+What is slow to load is loaded where it is needed, so that Ctrl-C finds its answer from the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from annik_core.errors import StudyError, StudyNotWritable
+from annik_core.files import write_files_atomically
+
+if TYPE_CHECKING:
+    from benchmarks.study.run import StudyOutcome, StudyProgress
+    from benchmarks.study.summary import SummaryRow
+
+#: Exit code of a program that Ctrl-C stopped.
+INTERRUPTED = 130
+#: Jobs differ by a factor of a hundred in time: what remains is guessed from many of them [s].
+_SPEED_PERIOD = 600.0
+_SHOWN_FAILURES = 5
+
+
+def study_command(
+    given: Mapping[str, Any], *, quick: bool, folder: Path, workers: int, docs: Path | None
+) -> int:
+    """Run a study, or what is left of it, and write what it found.
+
+    Args:
+        given: settings that differ from the standard ones, or from the quick ones.
+        quick: whether it is a quick study.
+        folder: where results, summary, page and figures go.
+        workers: processes, or -1 for as many as there are processors.
+        docs: where page and figures go as well.
+
+    Returns:
+        The exit code: 0, or :data:`INTERRUPTED`.
+
+    Raises:
+        AnnikError: see :func:`benchmarks.study.run.run_study`; also if every job failed.
+    """
+    display = _Display(Console(stderr=True), folder)
+    try:
+        outcome = display.run(given, quick, workers)
+        _report(outcome, folder, docs)
+    except KeyboardInterrupt:
+        display.say(f"stopped; {display.count}run the same command to go on")
+        return INTERRUPTED
+    return 0
+
+
+class _Display:
+    """Says what a study does while it does it."""
+
+    def __init__(self, console: Console, folder: Path) -> None:
+        self._console = console
+        self._folder = folder
+        self._latest: StudyProgress | None = None
+
+    @property
+    def count(self) -> str:
+        """How many jobs are done, if that is known, as the beginning of a sentence."""
+        if self._latest is None:
+            return ""
+        return f"{self._latest.done} of {self._latest.jobs} jobs done; "
+
+    def say(self, text: str) -> None:
+        """One line, however long."""
+        self._console.print(f"annik: {escape(text)}", soft_wrap=True, highlight=False)
+
+    def run(self, given: Mapping[str, Any], quick: bool, workers: int) -> StudyOutcome:
+        """Run the study with a progress bar."""
+        from benchmarks.study.run import run_study
+        from benchmarks.study.settings import StudySettings
+
+        settings = replace(StudySettings.quick() if quick else StudySettings(), **given)
+        with Progress(
+            TextColumn("fitting"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("jobs{task.fields[failed]},"),
+            TimeElapsedColumn(),
+            TextColumn("gone,"),
+            TimeRemainingColumn(),
+            TextColumn("to go"),
+            console=self._console,
+            speed_estimate_period=_SPEED_PERIOD,
+        ) as progress:
+            task = progress.add_task("", total=None, failed="")
+
+            def on_progress(now: StudyProgress) -> None:
+                if self._latest is None:
+                    self._begin(now)
+                    # The jobs of earlier runs say nothing of the speed of this one.
+                    progress.reset(task, total=now.jobs, completed=now.done)
+                failed = f" ({now.failed} failed)" if now.failed else ""
+                progress.update(task, completed=now.done + now.failed, failed=failed)
+                self._latest = now
+
+            return run_study(settings, self._folder, workers, on_progress)
+
+    def _begin(self, start: StudyProgress) -> None:
+        if start.was_cut_off:
+            self.say(
+                f"the last line of the results in {self._folder} was incomplete and has been "
+                "taken off; its job is run again"
+            )
+        if start.done_before:
+            self.say(
+                f"{start.done_before} of {start.jobs} jobs were done before, in {self._folder}"
+            )
+
+
+def _report(outcome: StudyOutcome, folder: Path, docs: Path | None) -> None:
+    """Write summary, page and figures, and say what was best."""
+    from benchmarks.study.figures import efficiency_plot
+    from benchmarks.study.page import IMAGES, figure_name, study_page
+    from benchmarks.study.summary import as_csv, summarise
+
+    console = Console()
+    for line in outcome.left_out:
+        console.print(f"left out: {escape(line)}", soft_wrap=True)
+    _print_failures(outcome, console)
+    if not outcome.outcomes:
+        raise StudyError(f"all {len(outcome.failures)} jobs failed: see above")
+    rows = summarise(outcome.outcomes)
+    systems = list(dict.fromkeys(row.system for row in rows))
+    figures = {
+        figure_name(system): efficiency_plot(
+            [row for row in rows if row.system == system], outcome.settings.examples
+        )
+        for system in systems
+    }
+    for place in (folder, docs):
+        if place is not None:
+            _write(place / IMAGES, figures)
+            page = study_page(outcome, rows, in_docs=place == docs)
+            _write(place, {"study.md": page.encode()})
+    _write(folder, {"summary.csv": as_csv(rows).encode()})
+    for system in systems:
+        console.print(
+            _best_table([row for row in rows if row.system == system], outcome.settings.examples)
+        )
+    console.print(
+        f"wrote summary.csv, study.md and its figures to {escape(str(folder))}"
+        + (f", the last two to {escape(str(docs))} too" if docs else ""),
+        soft_wrap=True,
+    )
+
+
+def _print_failures(outcome: StudyOutcome, console: Console) -> None:
+    if not outcome.failures:
+        return
+    total = len(outcome.outcomes) + len(outcome.failures)
+    console.print(
+        f"{len(outcome.failures)} of {total} jobs failed and are tried again by the same command:"
+    )
+    for job, reason in list(outcome.failures.items())[:_SHOWN_FAILURES]:
+        what = f"{job.system}, {job.design} {job.size}, {job.training}, seed {job.seed}"
+        console.print(escape(f"  {what}: {reason}"), soft_wrap=True)
+    if len(outcome.failures) > _SHOWN_FAILURES:
+        console.print("  ...")
+
+
+def _best_table(rows: list[SummaryRow], budgets: tuple[int, ...]) -> Table:
+    from benchmarks.study.summary import best_within, error_text
+
+    unit = f" [{rows[0].unit}]" if rows[0].unit else ""
+    table = Table(
+        "at most",
+        "design",
+        "training",
+        "examples",
+        escape(f"rms error{unit}"),
+        title=escape(f"{rows[0].system}: least median errors"),
+    )
+    for budget in sorted(budgets):
+        best = best_within(rows, budget)
+        if best is not None:
+            table.add_row(
+                str(budget),
+                best.design,
+                best.training,
+                str(best.examples),
+                error_text(best.rms_error.median),
+            )
+    return table
+
+
+def _write(folder: Path, contents: Mapping[str, bytes]) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_files_atomically(folder, contents)
+    except OSError as error:
+        raise StudyNotWritable(folder, error.strerror or str(error)) from error

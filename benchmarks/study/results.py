@@ -1,0 +1,149 @@
+"""The file in which a study keeps what it has measured: one line per job, safe as soon as written.
+
+A line is JSON: ``job`` is what was measured and with which version of annik, ``outcome`` or
+``failure`` what came out, ``check`` a checksum of these. Lines are only appended, and none is
+changed. A job may have several; the last one counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from annik_core.append_log import CheckedLines, digest
+from annik_core.errors import (
+    CheckedLinesInUse,
+    CheckedLinesNotWritable,
+    DamagedLine,
+    DamagedStudyResults,
+    StudyInUse,
+    StudyNotWritable,
+)
+from annik_core.installation import VERSION
+from annik_training.evaluation import ErrorSummary
+from annik_training.fitting.problem import InverseKinematicsSystem
+from benchmarks.jobs.fit_job import FitJob, FitOutcome
+from benchmarks.study.job import JobFailure
+from benchmarks.systems.library import load_system
+
+FILE_NAME = "results.jsonl"
+
+
+class StudyResults:
+    """The results in a folder, open for this process alone.
+
+    Use it as a context manager.
+
+    Attributes:
+        path: the file.
+        was_cut_off: whether the last line was incomplete, and was taken off.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the results of a folder, which is made if it is not there.
+
+        Raises:
+            StudyInUse: if another process has them open.
+            DamagedStudyResults: if a line is not as it was written.
+            StudyNotWritable: if the file can't be opened.
+        """
+        self.path = folder / FILE_NAME
+        with _study_errors():
+            self._lines = CheckedLines(self.path)
+        self.was_cut_off = self._lines.was_cut_off
+        try:
+            self._by_job = self._index()
+        except BaseException:
+            self._lines.close()
+            raise
+
+    def __enter__(self) -> StudyResults:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file, which unlocks it."""
+        self._lines.close()
+
+    def outcome(self, job: FitJob) -> FitOutcome | JobFailure | None:
+        """What came out of a job, or None if it was not run."""
+        found = self._by_job.get(_key(job))
+        if found is None:
+            return None
+        number, line = found
+        try:
+            if "failure" in line:
+                return JobFailure(str(line["failure"]))
+            outcome = line["outcome"]
+            return FitOutcome(**{**outcome, "error": ErrorSummary(**outcome["error"])})
+        except (KeyError, TypeError) as error:
+            raise DamagedStudyResults(
+                self.path, number, "its outcome is not in the form of this annik"
+            ) from error
+
+    def record(self, job: FitJob, outcome: FitOutcome | JobFailure) -> None:
+        """Append an outcome; it is on the disk when this returns.
+
+        Raises:
+            StudyNotWritable: if it can't be written. The file is then as it was before.
+        """
+        line: dict[str, Any] = {"job": _content(job)}
+        if isinstance(outcome, JobFailure):
+            line["failure"] = outcome.reason
+        else:
+            line["outcome"] = asdict(outcome)
+        with _study_errors():
+            self._lines.append(line)
+        self._by_job[_key(job)] = (len(self._lines.lines), line)
+
+    def read_again(self) -> None:
+        """Take the outcomes from the file, as if it were opened now."""
+        with _study_errors():
+            self._lines.read_again()
+        self._by_job = self._index()
+
+    def _index(self) -> dict[str, tuple[int, dict[str, Any]]]:
+        """Lines by their job, with their numbers."""
+        by_job = {}
+        for number, line in enumerate(self._lines.lines, start=1):
+            if "job" not in line or not {"outcome", "failure"} & set(line):
+                raise DamagedStudyResults(self.path, number, "it is not of a study")
+            by_job[digest(line["job"])] = (number, line)
+        return by_job
+
+
+@contextmanager
+def _study_errors() -> Iterator[None]:
+    """What is wrong with the file, said with what to do about it."""
+    try:
+        yield
+    except CheckedLinesInUse as error:
+        raise StudyInUse(error.path) from error
+    except DamagedLine as error:
+        raise DamagedStudyResults(error.path, error.line, error.problem) from error
+    except CheckedLinesNotWritable as error:
+        raise StudyNotWritable(error.path, error.reason) from error
+
+
+def _content(job: FitJob) -> dict[str, Any]:
+    """All that the outcome of a job depends on."""
+    system = load_system(job.system)
+    # A definition may change under the same path.
+    robot = system.robot if isinstance(system, InverseKinematicsSystem) else None
+    return {
+        **job.as_plain_data(),
+        "annik_version": VERSION,
+        "robot_sha256": robot.definition_hash if robot else None,
+    }
+
+
+def _key(job: FitJob) -> str:
+    return digest(_content(job))

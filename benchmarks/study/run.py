@@ -1,0 +1,111 @@
+"""Example efficiency: how the error falls with the number of examples, for every combination.
+
+Independent jobs, each safe on the disk as soon as it is done: a study that was stopped, in
+whatever way, goes on where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.jobs.fit_job import FitJob, FitOutcome
+from benchmarks.jobs.job_runner import run_jobs
+from benchmarks.study.grid import study_grid
+from benchmarks.study.job import JobFailure, try_fit_job
+from benchmarks.study.results import StudyResults
+from benchmarks.study.settings import StudySettings
+
+
+@dataclass(frozen=True)
+class StudyProgress:
+    """How far a study is.
+
+    Attributes:
+        jobs: how many there are.
+        done: how many have an outcome.
+        failed: how many failed in this run.
+        done_before: of those done, how many were when this run began.
+        was_cut_off: whether the file of results ended within a line, which was taken off.
+    """
+
+    jobs: int
+    done: int
+    failed: int
+    done_before: int
+    was_cut_off: bool
+
+
+@dataclass(frozen=True)
+class StudyOutcome:
+    """What a study found.
+
+    Attributes:
+        settings: what was compared.
+        outcomes: of the jobs that are done, in the order of the jobs.
+        failures: reasons of the others.
+        left_out: combinations that make no sense, each as a line.
+    """
+
+    settings: StudySettings
+    outcomes: Mapping[FitJob, FitOutcome]
+    failures: Mapping[FitJob, str]
+    left_out: tuple[str, ...]
+
+
+def run_study(
+    settings: StudySettings,
+    folder: Path,
+    workers: int = -1,
+    on_progress: Callable[[StudyProgress], None] | None = None,
+) -> StudyOutcome:
+    """Run the jobs that are not done yet.
+
+    Args:
+        settings: what to compare.
+        folder: where the results are kept.
+        workers: processes; see :func:`benchmarks.jobs.job_runner.run_jobs`.
+        on_progress: told at the beginning, and after each job.
+
+    Raises:
+        StudyError: if the folder can't be used, or the settings make no sense.
+        RobotError: if a robot can't be used.
+        WorkerEnded: if a worker process was killed.
+    """
+    grid = study_grid(settings)
+    with StudyResults(folder) as results:
+        found = {job: results.outcome(job) for job in grid.jobs}
+        # What failed is tried again: the fault may have been the machine's.
+        to_do = [job for job, outcome in found.items() if not isinstance(outcome, FitOutcome)]
+        done_before = len(grid.jobs) - len(to_do)
+        done, failed = done_before, 0
+
+        def tell() -> None:
+            if on_progress is not None:
+                on_progress(
+                    StudyProgress(len(grid.jobs), done, failed, done_before, results.was_cut_off)
+                )
+
+        tell()
+        try:
+            for job, outcome in run_jobs(try_fit_job, to_do, workers):
+                results.record(job, outcome)
+                found[job] = outcome
+                if isinstance(outcome, JobFailure):
+                    failed += 1
+                else:
+                    done += 1
+                tell()
+        except KeyboardInterrupt:
+            # It may have come after an outcome was written and before it was counted.
+            results.read_again()
+            done = sum(isinstance(results.outcome(job), FitOutcome) for job in grid.jobs)
+            tell()
+            raise
+    return StudyOutcome(
+        settings,
+        {job: outcome for job, outcome in found.items() if isinstance(outcome, FitOutcome)},
+        {job: outcome.reason for job, outcome in found.items() if isinstance(outcome, JobFailure)},
+        grid.left_out,
+    )

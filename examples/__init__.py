@@ -1,0 +1,1 @@
+"""Examples, and what ``./run demo`` and ``./run learn`` start."""

@@ -1,0 +1,90 @@
+"""The whole of annik in one command: train, serve, drive the fake robot, record, report.
+
+Each part runs as its user would run it, in a process of its own: the ``annik`` command line for
+the training, the four nodes over DDS. Training is not imported here, since what drives a robot
+does not need torch.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from annik_core.files import write_files_atomically
+from examples.demonstration import (
+    demonstration_parser,
+    drive,
+    make_empty,
+    processes,
+    run_demonstration,
+)
+from msg_tools.report.table import print_report
+from msg_tools.report.write import write_report
+
+#: Every 2 mm of the paper's diagonal; each tenth is one of its 15 points.
+POINTS = 141
+RATE = 50.0
+STEPS = 6
+
+_TRAINING_TIMEOUT = 600.0
+
+
+def run_demo(folder: Path, console: Console) -> str:
+    """Run the demo and leave everything it makes in a folder.
+
+    Args:
+        folder: gets ``model.onnx``, ``bag/``, ``report.html``, pictures, ``results.json`` and the
+            ``logs/`` of the processes. What an earlier demo left there is removed.
+        console: told of the progress.
+
+    Returns:
+        Where to look.
+
+    Raises:
+        AnnikError: if a part fails; names it and shows the end of its log.
+    """
+    logs = make_empty(folder)
+    model, bag = folder / "model.onnx", folder / "bag"
+    training = _train(model, logs, console)
+    console.print(f"driving the fake robot along {POINTS} targets of the paper's diagonal")
+    with processes(logs) as started:
+        path: dict[str, object] = {"path": "diagonal", "points": POINTS}
+        drive(started, "", bag, POINTS, RATE, {"model": model}, {"model": model}, path)
+    console.print("reporting")
+    report = write_report(bag, folder)
+    print_report(report, console)
+    results = {**report.results(), "training": training}
+    text = json.dumps(results, indent=2) + "\n"
+    write_files_atomically(folder, {"results.json": text.encode()})
+    return f"report: {folder / 'report.html'}   bag: {bag}"
+
+
+def _train(model: Path, logs: Path, console: Console) -> dict[str, Any]:
+    summary = model.with_name("training.json")
+    with (
+        console.status("training on the paper's 30-phase design"),
+        processes(logs) as started,
+    ):
+        started.annik(
+            "train",
+            *("train", "--robot", "gantry", "--design", "thirty_phase", "--steps", str(STEPS)),
+            *("--out", str(model), "--summary", str(summary)),
+        ).wait(_TRAINING_TIMEOUT)
+    training: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
+    console.print(f"trained on {training['examples']} examples in {training['seconds']:.1f} s")
+    return training
+
+
+def main() -> int:
+    """Run the demo; returns the exit code."""
+    parser = demonstration_parser("Train, serve, drive, record and report.", Path("build/demo"))
+    folder = parser.parse_args().out
+    return run_demonstration("demo", lambda console: run_demo(folder, console))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""What the demonstrations share: a folder of their own, processes, signals, an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import NoReturn
+
+from rich.console import Console
+
+from annik_core.errors import AnnikError
+from annik_ros.processes import ChildProcess, end_all, wait_until
+from msg_tools.bags.reader import read_bag
+from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
+
+#: How long a node may take to be ready, and to end [s].
+START_TIMEOUT = 30.0
+END_TIMEOUT = 10.0
+
+#: Its presence says that the folder may be emptied.
+_MARKER = ".annik_demo"
+
+
+class Processes:
+    """Starts processes, whose logs are in one folder and whose ROS domain is theirs alone."""
+
+    def __init__(self, logs: Path, stack: ExitStack) -> None:
+        """``stack`` ends them."""
+        self._logs = logs
+        self._stack = stack
+        self._environment = {
+            **os.environ,
+            # A demonstration commands a robot: it must not be heard by a real one on the network.
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        }
+
+    def node(self, name: str, module: str, **parameters: object) -> ChildProcess:
+        """Start a node of annik with parameters."""
+        arguments = [f"{key}:={_as_ros(value)}" for key, value in parameters.items()]
+        flags = [text for argument in arguments for text in ("-p", argument)]
+        return self._start(name, module, "--ros-args", *flags)
+
+    def annik(self, name: str, *arguments: str) -> ChildProcess:
+        """Start the ``annik`` command line."""
+        return self._start(name, "annik_training.cli.commands", *arguments)
+
+    def _start(self, name: str, module: str, *arguments: str) -> ChildProcess:
+        command = [sys.executable, "-m", module, *arguments]
+        log = self._logs / f"{name}.log"
+        return self._stack.enter_context(ChildProcess(command, log, self._environment))
+
+
+@contextmanager
+def processes(logs: Path) -> Iterator[Processes]:
+    """Start processes that end with the context."""
+    with ExitStack() as stack:
+        yield Processes(logs, stack)
+
+
+def drive(
+    started: Processes,
+    name: str,
+    bag: Path,
+    targets: int,
+    rate: float,
+    solver: dict[str, object],
+    robot: dict[str, object],
+    path: dict[str, object],
+) -> None:
+    """Let an ``ik_node`` drive a ``fake_robot`` along a path, and record it.
+
+    Args:
+        started: starts the four nodes.
+        name: goes before the names of their logs.
+        bag: folder of the recording.
+        targets: how many there are.
+        rate: of the targets [Hz].
+        solver: parameters of ``ik_node``.
+        robot: parameters of ``fake_robot``.
+        path: parameters of ``target_publisher``.
+
+    Raises:
+        ChildProcessFailed: naming the node.
+    """
+    fake_robot = started.node(f"{name}fake_robot", "annik_ros.fake_robot.node", **robot)
+    recorder = started.node(f"{name}bag_recorder", "annik_ros.bag_recorder.node", output=bag)
+    # A controller wants the newest target; a measurement wants all of them.
+    ik_node = started.node(f"{name}ik_node", "annik_ros.ik_node.node", queue_depth=100, **solver)
+    fake_robot.wait_for_text("joint_command -> joint_states", START_TIMEOUT)
+    ik_node.wait_for_text("target_pose -> joint_command", START_TIMEOUT)
+    recorder.wait_for_text("recording ", START_TIMEOUT)
+    publisher = started.node(
+        f"{name}target_publisher",
+        "annik_ros.target_publisher.node",
+        rate=rate,
+        wait_for_subscribers=2,
+        **path,
+    )
+    publisher.wait(START_TIMEOUT + targets / rate + END_TIMEOUT)
+    wait_until(lambda: _recorded_errors(bag) >= targets, END_TIMEOUT, period=0.2)
+    for process in (recorder, fake_robot, ik_node):
+        process.interrupt(END_TIMEOUT)
+
+
+def make_empty(folder: Path) -> Path:
+    """Make the folder, or empty it if an earlier run made it; never delete anything else.
+
+    Returns:
+        The folder in it for logs.
+
+    Raises:
+        AnnikError: if it is the folder of something else, or can't be emptied.
+    """
+    marker = folder / _MARKER
+    try:
+        if folder.exists() and any(folder.iterdir()):
+            if not marker.is_file():
+                raise AnnikError(
+                    f"{folder} is not the folder of a demo: remove it, or give --out another"
+                )
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        marker.touch()
+        logs = folder / "logs"
+        logs.mkdir()
+    except OSError as error:
+        raise AnnikError(f"{folder} can't be emptied: {error.strerror}") from error
+    return logs
+
+
+def demonstration_parser(description: str, folder: Path) -> argparse.ArgumentParser:
+    """The command line of a demonstration; ``folder`` is what ``--out`` is by default."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--out", type=Path, default=folder, help="folder to fill")
+    return parser
+
+
+def run_demonstration(name: str, run: Callable[[Console], str]) -> int:
+    """Run a demonstration as a program.
+
+    Args:
+        name: what to call it in an error.
+        run: does it, tells the console of its progress, and says where to look.
+
+    Returns:
+        The exit code.
+    """
+    console = Console()
+    # A shell that starts it in the background has SIGINT ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _on_termination)
+    try:
+        result = run(console)
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
+    except AnnikError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    finally:
+        end_all()
+    console.print(result)
+    return 0
+
+
+def _recorded_errors(bag: Path) -> int:
+    """How many targets the bag, still being written, holds both errors of."""
+    topics = read_bag(bag).topics
+    names = (f"/{topic.name}" for topic in (POSITION_ERROR, ORIENTATION_ERROR))
+    return min(topics[name].message_count if name in topics else 0 for name in names)
+
+
+def _as_ros(value: object) -> str:
+    """As ROS reads it from a command line, which knows ``true``, not ``True``."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _on_termination(signal_number: int, frame: FrameType | None) -> NoReturn:
+    # An exception, so that the processes started are ended on the way out.
+    raise SystemExit(128 + signal_number)

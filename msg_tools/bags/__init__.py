@@ -1,0 +1,1 @@
+"""Bags: reading, and writing so that a killed recorder loses nothing."""

@@ -1,0 +1,265 @@
+"""Writing a bag that ROS 2 opens, and that stays readable if the writer is killed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Final, NoReturn, cast
+
+from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import Qos
+
+from annik_core.errors import BagNotWritable
+from annik_core.files import write_files_atomically
+from msg_tools.bags.metadata import (
+    METADATA_FILE,
+    RecordedSpan,
+    RecordedTopic,
+    bag_information_text,
+    metadata_text,
+    qos_text,
+)
+from msg_tools.bags.provisional_end import ClosedMcapFile
+from msg_tools.bags.types import is_known_type, message_definition, type_hash
+
+#: Messages go to the operating system at the latest after so many bytes or so many seconds.
+CHUNK_SIZE: Final = 64 * 1024
+FLUSH_INTERVAL: Final = 0.1
+#: How often the counts in metadata.yaml are brought up to date while writing [s].
+METADATA_INTERVAL: Final = 2.0
+
+#: Named in the file, so that a reader can tell a bag of ours that was never closed.
+LIBRARY: Final = "annik"
+
+
+class BagWriter:
+    """A rosbag2 directory with one MCAP file, being written.
+
+    A context manager; leaving it closes the bag. Killed at any moment, it leaves a bag that opens
+    and holds everything up to the last flush.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """Create the bag.
+
+        Args:
+            directory: the bag; made with its parents, or an empty folder.
+
+        Raises:
+            BagNotWritable: if it exists and is not an empty folder, or can't be created.
+        """
+        self._directory = directory
+        self._file_name = f"{directory.absolute().name}_0.mcap"
+        self._topics: dict[str, RecordedTopic] = {}
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._span = RecordedSpan()
+        self._unflushed = 0
+        self._flushed_at = time.monotonic()
+        self._metadata_at = 0.0
+        self._broken = False
+        self._closed = False
+        self._make_empty_directory()
+        try:
+            self._file = ClosedMcapFile(directory / self._file_name)
+            self._writer = Writer(
+                cast("IO[Any]", self._file),
+                # Chunks end where flush() says, so that each is written in one piece.
+                chunk_size=2**40,
+                compression=CompressionType.NONE,
+            )
+            self._writer.start(profile="ros2", library=LIBRARY)
+            self._file.flush()
+            self._write_metadata()
+        except OSError as error:
+            self._fail(error)
+
+    @property
+    def directory(self) -> Path:
+        """The bag's folder."""
+        return self._directory
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far, all topics together."""
+        return sum(topic.message_count for topic in self._topics.values())
+
+    def __enter__(self) -> BagWriter:
+        """The writer itself."""
+        return self
+
+    def __exit__(
+        self,
+        exception_type: type[BaseException] | None,
+        exception: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the bag; an error of closing does not hide the one that is under way."""
+        if exception is None:
+            self.close()
+        else:
+            with suppress(BagNotWritable):
+                self.close()
+
+    def __contains__(self, topic: str) -> bool:
+        """Whether a topic was added."""
+        return topic in self._topics
+
+    def add_topic(self, name: str, message_type: str, offered_qos: Sequence[Qos] = ()) -> None:
+        """Announce a topic, before its first message.
+
+        Args:
+            name: absolute topic name.
+            message_type: such as ``geometry_msgs/msg/Pose``; one of ROS 2 Jazzy's own types.
+            offered_qos: quality of service of its publishers, as far as known.
+
+        Raises:
+            BagNotWritable: if the type is not known, the topic was added before with another type,
+                or the disk refuses.
+        """
+        if name in self._topics:
+            if self._topics[name].type != message_type:
+                known = self._topics[name].type
+                raise BagNotWritable(
+                    self._directory,
+                    f"topic {name} holds {known}, it can't hold {message_type} too",
+                )
+            return
+        if not is_known_type(message_type):
+            raise BagNotWritable(
+                self._directory,
+                f"topic {name}: the definition of {message_type} is not known; "
+                "only types that come with ROS 2 Jazzy can be recorded",
+            )
+        if message_type not in self._schemas:
+            self._schemas[message_type] = self._writer.register_schema(
+                message_type, "ros2msg", message_definition(message_type).encode()
+            )
+        self._channels[name] = self._writer.register_channel(
+            name,
+            "cdr",
+            self._schemas[message_type],
+            {
+                "offered_qos_profiles": qos_text(offered_qos),
+                "topic_type_hash": type_hash(message_type),
+            },
+        )
+        self._topics[name] = RecordedTopic(name, message_type, tuple(offered_qos))
+        try:
+            self._write_metadata()
+        except OSError as error:
+            self._fail(error)
+
+    def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+        """Add a message.
+
+        Args:
+            topic: one that was added.
+            cdr: the message with its four bytes of encapsulation, as DDS carries it.
+            log_time_ns: when it was received [ns since the epoch].
+            publish_time_ns: when it was sent [ns since the epoch].
+
+        Raises:
+            BagNotWritable: if the disk refuses; what was flushed before stays readable.
+            KeyError: if the topic was not added.
+        """
+        self._refuse_if_broken()
+        recorded = self._topics[topic]
+        self._writer.add_message(
+            channel_id=self._channels[topic],
+            log_time=log_time_ns,
+            data=cdr,
+            publish_time=publish_time_ns,
+            sequence=recorded.message_count,
+        )
+        recorded.message_count += 1
+        self._span.include(log_time_ns)
+        self._unflushed += len(cdr)
+        due = time.monotonic() - self._flushed_at >= FLUSH_INTERVAL
+        if due or self._unflushed >= CHUNK_SIZE:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system.
+
+        Writing does this itself when a message comes; call it on a timer for the last message
+        before a pause.
+
+        Raises:
+            BagNotWritable: if the disk refuses; what was flushed before stays readable.
+        """
+        self._refuse_if_broken()
+        try:
+            if self._unflushed:
+                self._writer.flush()  # type: ignore[no-untyped-call]
+            self._unflushed = 0
+            self._flushed_at = time.monotonic()
+            if self._flushed_at - self._metadata_at >= METADATA_INTERVAL:
+                self._write_metadata()
+        except OSError as error:
+            self._fail(error)
+
+    def close(self) -> None:
+        """Finish the file and its metadata; a second call, or one after a failure, does nothing.
+
+        Raises:
+            BagNotWritable: if the disk refuses; what was flushed before stays readable.
+        """
+        if self._closed or self._broken:
+            return
+        self._closed = True
+        try:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._writer.add_metadata(
+                "rosbag2",
+                {
+                    "serialized_metadata": bag_information_text(
+                        self._file_name, list(self._topics.values()), self._span
+                    )
+                },
+            )
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._file.close(with_own_end=True)
+            self._write_metadata()
+        except OSError as error:
+            self._fail(error)
+
+    def _make_empty_directory(self) -> None:
+        try:
+            self._directory.mkdir(parents=True, exist_ok=True)
+            occupied = any(self._directory.iterdir())
+        except OSError as error:
+            raise BagNotWritable(
+                self._directory,
+                f"the folder can't be created ({error.strerror}); give another folder",
+            ) from error
+        if occupied:
+            raise BagNotWritable(
+                self._directory,
+                "the folder is not empty, and a bag is never overwritten; "
+                "give another folder or remove this one",
+            )
+
+    def _write_metadata(self) -> None:
+        text = metadata_text(self._file_name, list(self._topics.values()), self._span)
+        write_files_atomically(self._directory, {METADATA_FILE: text.encode()})
+        self._metadata_at = time.monotonic()
+
+    def _refuse_if_broken(self) -> None:
+        if self._broken:
+            raise BagNotWritable(self._directory, "writing failed before; the bag was closed")
+        if self._closed:
+            raise BagNotWritable(self._directory, "the bag is closed")
+
+    def _fail(self, error: OSError) -> NoReturn:
+        self._broken = True
+        with suppress(OSError, AttributeError):
+            self._file.close(with_own_end=False)
+        raise BagNotWritable(
+            self._directory,
+            f"can't be written ({error.strerror or error}); what was recorded until now is kept; "
+            "check free space and permissions",
+        ) from error

@@ -1,0 +1,1 @@
+"""The report of the tracking error in a bag."""

@@ -1,0 +1,255 @@
+"""Plots of a report: errors over time, the path, two drives compared.
+
+The pictures of a report, as PNG.
+
+Colours are those of Okabe and Ito, which colour-blind people tell apart; what they separate also
+differs in brightness, line or marker, so that a grey print loses nothing.
+
+Several recordings of one path in one picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from annik_core.pose import FloatArray
+from msg_tools.report.tracking import TargetResult, TrackingReport
+
+_BLUE: Final = "#0072B2"
+_ORANGE: Final = "#E69F00"
+_GREY: Final = "#666666"
+_DOTS_PER_INCH: Final = 120
+#: Up to so many targets, each gets a marker.
+_MARKED_TARGETS: Final = 200
+_BINS: Final = 40
+#: Values whose spread is at most this part of them are one value.
+_SAME: Final = 1e-6
+#: Values up to this [mm or deg] are drawn as zero: axes can't be divided into less.
+_NOTHING: Final = 1e-30
+#: From so large a ratio of largest to median error on, the axis is logarithmic.
+_LOGARITHMIC_RATIO: Final = 30.0
+
+
+def report_plots(report: TrackingReport) -> dict[str, bytes]:
+    """All pictures of a report: file name to PNG."""
+    return {
+        "errors.png": errors_plot(report),
+        "path.png": path_plot(report),
+        "histogram.png": histogram_plot(report),
+        "latency.png": latency_plot(report),
+    }
+
+
+def errors_plot(report: TrackingReport) -> bytes:
+    """Position error [mm] and orientation error [deg] of each target, as PNG."""
+    figure = _figure(8.0, 5.2)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    numbers = [target.number for target in report.targets]
+    _draw_series(
+        upper, numbers, [t.position_error_mm for t in report.targets], _BLUE, "position error [mm]"
+    )
+    _draw_series(
+        lower,
+        numbers,
+        [t.orientation_error_deg for t in report.targets],
+        _ORANGE,
+        "orientation error [deg]",
+    )
+    upper.set_title("Tracking error along the path")
+    lower.set_xlabel("target number")
+    lower.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return _png(figure)
+
+
+def path_plot(report: TrackingReport) -> bytes:
+    """Target and achieved positions [m] in three dimensions, as PNG."""
+    figure = _figure(7.0, 6.0)
+    axes: Axes3D = figure.add_subplot(projection="3d")
+    axes.set_title("Target and achieved path")
+    targets = np.array([target.target for target in report.targets]).reshape(-1, 3)
+    achieved = np.array([target.achieved for target in report.targets]).reshape(-1, 3)
+    # Wide under narrow, as the two can't be told apart where the robot is good.
+    axes.plot(*targets.T, color=_ORANGE, linewidth=6.0, label="target")
+    axes.plot(*achieved.T, color=_BLUE, linewidth=1.5, label="achieved")
+    if len(targets):
+        axes.scatter(*targets[0], color="black", marker="^", s=40, label="first target")
+        axes.legend(loc="upper left")
+        _set_equal_scales(axes, np.concatenate([targets, achieved]))
+    else:
+        axes.text2D(0.5, 0.5, "no matching pairs", ha="center", transform=axes.transAxes)
+    axes.set_xlabel("x [m]", labelpad=8)
+    axes.set_ylabel("y [m]", labelpad=8)
+    axes.set_zlabel("z [m]", labelpad=8)
+    return _png(figure)
+
+
+def histogram_plot(report: TrackingReport) -> bytes:
+    """How often which position error [mm] and orientation error [deg] occurs, as PNG."""
+    figure = _figure(8.0, 3.6)
+    left, right = figure.subplots(1, 2)
+    _draw_histogram(
+        left, [t.position_error_mm for t in report.targets], _BLUE, "position error [mm]"
+    )
+    _draw_histogram(
+        right,
+        [t.orientation_error_deg for t in report.targets],
+        _ORANGE,
+        "orientation error [deg]",
+    )
+    left.set_ylabel("targets")
+    figure.suptitle("Distribution of the tracking error")
+    return _png(figure)
+
+
+def latency_plot(report: TrackingReport) -> bytes:
+    """Time from target to command [us] over the time of the recording [s], as PNG."""
+    figure = _figure(8.0, 3.6)
+    axes = figure.subplots()
+    timed = [target for target in report.targets if target.latency_us is not None]
+    latencies = [target.latency_us for target in timed if target.latency_us is not None]
+    seconds = _seconds(timed)
+    if latencies and report.latency_us is not None:
+        axes.plot(seconds, latencies, ".", color=_BLUE, markersize=4)
+        axes.axhline(
+            report.latency_us.p50, color="black", linewidth=1, label="p50", linestyle="--"
+        )
+        axes.axhline(report.latency_us.p99, color=_GREY, linewidth=1, label="p99", linestyle=":")
+        axes.legend(loc="upper right")
+        _choose_scale(axes, latencies)
+    else:
+        _say_empty(axes, "no target was recognised")
+    axes.set_title(f"Time from target to command, both as {report.latency_clock}")
+    axes.set_xlabel("time since the first target [s]")
+    axes.set_ylabel("latency [µs]")
+    axes.grid(alpha=0.3)
+    return _png(figure)
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), dpi=_DOTS_PER_INCH, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _draw_series(
+    axes: Axes, numbers: Sequence[int], values: Sequence[float], color: str, label: str
+) -> None:
+    axes.set_ylabel(label)
+    axes.grid(alpha=0.3)
+    if not values:
+        _say_empty(axes, "no matching pairs")
+        return
+    marker = "." if len(values) <= _MARKED_TARGETS else ""
+    axes.plot(numbers, values, color=color, marker=marker, linewidth=1.0)
+    worst = int(np.argmax(values))
+    axes.plot(
+        numbers[worst],
+        values[worst],
+        "v",
+        color="black",
+        label=f"largest: {values[worst]:.3g} (target {numbers[worst]})",
+    )
+    axes.legend(loc="best")
+    _choose_scale(axes, values)
+
+
+def _draw_histogram(axes: Axes, values: Sequence[float], color: str, label: str) -> None:
+    axes.set_xlabel(label)
+    if not values:
+        _say_empty(axes, "no matching pairs")
+        return
+    bins: Any = min(_BINS, max(5, len(values) // 4))
+    if _spans_decades(values):
+        positive = [value for value in values if value > 0]
+        bins = np.geomspace(min(positive), max(positive), bins + 1)
+        axes.set_xscale("log")
+    elif np.ptp(values) <= _SAME * max(values) or max(values) <= _NOTHING:
+        # Bins between values that differ by rounding would have no width.
+        bins = np.linspace(0.0, 2 * max(values) if max(values) > _NOTHING else 1.0, bins + 1)
+    axes.hist(values, bins=bins, color=color, edgecolor="white", linewidth=0.5)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    p95 = float(np.percentile(values, 95))
+    axes.axvline(p95, color="black", linestyle="--", linewidth=1, label=f"p95: {p95:.3g}")
+    axes.legend(loc="best")
+
+
+def _choose_scale(axes: Axes, values: Sequence[float]) -> None:
+    if _spans_decades(values):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0.0 if max(values) > _NOTHING else None)
+
+
+def _spans_decades(values: Sequence[float]) -> bool:
+    median = float(np.median(values))
+    return min(values) > _NOTHING and max(values) > _LOGARITHMIC_RATIO * median
+
+
+def _set_equal_scales(axes: Axes3D, points: FloatArray) -> None:
+    """Give all axes one scale, so that a straight path looks straight and a circle round."""
+    centre = (points.max(axis=0) + points.min(axis=0)) / 2
+    half = max(float(np.ptp(points, axis=0).max()) / 2, 1e-3) * 1.05
+    axes.set(
+        xlim=(centre[0] - half, centre[0] + half),
+        ylim=(centre[1] - half, centre[1] + half),
+        zlim=(centre[2] - half, centre[2] + half),
+    )
+    axes.set_box_aspect((1, 1, 1), zoom=0.9)
+    axes.tick_params(labelsize=8)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(5, prune="both"))
+
+
+def _say_empty(axes: Axes, text: str) -> None:
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, color=_GREY)
+
+
+def _seconds(targets: Sequence[TargetResult]) -> list[float]:
+    return [(target.stamp_ns - targets[0].stamp_ns) / 1e9 for target in targets]
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+#: Colours of Okabe and Ito, as in the reports, and lines that differ in grey print too.
+_STYLES = (("#E69F00", "-"), ("#0072B2", "--"), ("#009E73", ":"), ("#CC79A7", "-."))
+
+
+def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
+    """Errors of every target, by what each recording is called, as PNG; logarithmic.
+
+    A recording without targets has no line.
+    """
+    figure = Figure(figsize=(9.0, 5.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for (name, report), (colour, line) in zip(reports.items(), _STYLES, strict=False):
+        numbers = [target.number for target in report.targets]
+        for axes, unit, errors in (
+            (upper, "mm", [target.position_error_mm for target in report.targets]),
+            (lower, "deg", [target.orientation_error_deg for target in report.targets]),
+        ):
+            if errors:
+                label = f"{name}: mean {np.mean(errors):.3g} {unit}"
+                axes.plot(numbers, errors, line, color=colour, label=label)
+    for axes, label in ((upper, "position error [mm]"), (lower, "orientation error [deg]")):
+        axes.set_yscale("log")
+        axes.set_ylabel(label)
+        axes.grid(visible=True, which="both", alpha=0.3)
+        axes.legend()
+    lower.set_xlabel("target")
+    content = BytesIO()
+    figure.savefig(content, format="png", dpi=110)
+    return content.getvalue()

@@ -1,0 +1,428 @@
+"""How well a robot followed its targets, computed from a bag."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Pose as Pose
+from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Vector3 as Vector3
+from scipy.spatial.transform import Rotation
+
+from annik_core.errors import ConversionError
+from annik_core.pose import FloatArray, checked_pose
+from annik_core.serving.tracking_error import TrackingError, tracking_error
+from msg_tools.bags.reader import Bag, BagRecord
+from msg_tools.report.matching import TimedPose, match_targets
+from msg_tools.report.namespace import robot_namespace
+from msg_tools.report.refusals import refusal_counts
+from msg_tools.topics import (
+    ACCEPTED_TARGET,
+    ACHIEVED_POSE,
+    DIAGNOSTICS,
+    JOINT_COMMAND,
+    ORIENTATION_ERROR,
+    POSITION_ERROR,
+    TARGET_POSE,
+    TARGET_POSE_STAMPED,
+    TOPICS,
+)
+
+#: Recorded and recomputed tracking errors may differ by this much [m and rad].
+ERROR_AGREEMENT: Final = 1e-9
+#: No robot is so far from its base [m]. What is farther is damage, and would overflow.
+LARGEST_COORDINATE: Final = 1e6
+
+
+class TargetResult(NamedTuple):
+    """One target that was answered and whose achieved pose is known.
+
+    Attributes:
+        number: 1, 2, ... in order of acceptance.
+        stamp_ns: header stamp shared by the target, its command and its result [ns].
+        target: x, y, z [m] in the base frame.
+        achieved: x, y, z [m] in the base frame.
+        position_error_mm: distance of target and achieved position [mm].
+        orientation_error_deg: angle between target and achieved orientation [deg].
+        latency_us: from the target's message to its command's [us]; None if unknown.
+    """
+
+    number: int
+    stamp_ns: int
+    target: tuple[float, float, float]
+    achieved: tuple[float, float, float]
+    position_error_mm: float
+    orientation_error_deg: float
+    latency_us: float | None
+
+
+class Summary(NamedTuple):
+    """Percentiles of a quantity, in its unit."""
+
+    p50: float
+    p95: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class TrackingReport:
+    """What a bag says about the tracking of one robot.
+
+    Attributes:
+        bag_path: the bag.
+        namespace: of the robot, with its leading slash.
+        targets_sent: messages on the target topics.
+        targets_answered: commands.
+        targets_unanswered: sent and not answered: refused, or replaced by a newer one in the
+            queue before they were read.
+        targets_refused: as the ik_node counted them, by its last diagnostics; if the bag has
+            none, all that were not answered.
+        refusal_reasons: refused targets by reason, from the last diagnostics; most frequent first.
+        targets: answered targets with a known result, in order of acceptance.
+        position_error_mm: over ``targets`` [mm]; None if there are none.
+        orientation_error_deg: over ``targets`` [deg]; None if there are none.
+        latency_us: target to command, over those whose target was recognised [us]; None if none.
+        latency_clock: ``sent`` or ``received``: which times the latency is the difference of.
+        recorded_error_difference: largest difference between the recorded tracking errors and
+            those recomputed here, [m] and [rad]; None if nothing can be compared.
+        bag_complete: whether everything recorded could be read.
+        notes: what a reader of the report must know, in plain sentences.
+    """
+
+    bag_path: Path
+    namespace: str
+    targets_sent: int
+    targets_answered: int
+    targets_unanswered: int
+    targets_refused: int
+    refusal_reasons: dict[str, int]
+    targets: tuple[TargetResult, ...]
+    position_error_mm: Summary | None
+    orientation_error_deg: Summary | None
+    latency_us: Summary | None
+    latency_clock: str
+    recorded_error_difference: tuple[float, float] | None
+    bag_complete: bool
+    notes: tuple[str, ...]
+
+    def results(self) -> dict[str, Any]:
+        """The numbers of the report as plain data, for JSON; None where there is no number."""
+        return {
+            "bag": str(self.bag_path),
+            "bag_complete": self.bag_complete,
+            "namespace": self.namespace,
+            "targets_sent": self.targets_sent,
+            "targets_answered": self.targets_answered,
+            "targets_unanswered": self.targets_unanswered,
+            "targets_refused": self.targets_refused,
+            "targets_paired": len(self.targets),
+            "refusal_reasons": self.refusal_reasons,
+            "position_error_mm": _summary_entries(self.position_error_mm),
+            "orientation_error_deg": _summary_entries(self.orientation_error_deg),
+            "latency_us": _summary_entries(self.latency_us),
+            "latency_clock": self.latency_clock,
+            "recorded_error_difference": None
+            if self.recorded_error_difference is None
+            else dict(zip(("m", "rad"), self.recorded_error_difference, strict=True)),
+            "notes": list(self.notes),
+        }
+
+
+class _Pair(NamedTuple):
+    stamp: int
+    target: FloatArray
+    achieved: FloatArray
+    error: TrackingError
+    latency_us: float | None
+
+
+class _Latencies(NamedTuple):
+    """Time from target to command [us], by stamp, and the stamps of which it can't be told."""
+
+    known: dict[int, float]
+    ambiguous: frozenset[int]
+
+
+def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
+    """Compute the report of a bag.
+
+    Args:
+        bag: the bag.
+        namespace: of the robot; needed only if the bag holds several.
+
+    Raises:
+        AmbiguousNamespace: if the bag holds robots in several namespaces and none is given.
+        UnknownNamespace: if the given one holds no robot.
+        BagNotReadable: if a message that is needed can't be decoded.
+    """
+    chosen = robot_namespace(bag, namespace)
+    names = {
+        topic.name: topic.name
+        if topic.name.startswith("/")
+        else f"{chosen.rstrip('/')}/{topic.name}"
+        for topic in TOPICS
+    }
+    records: dict[str, list[BagRecord]] = defaultdict(list)
+    by_name = {name: topic for topic, name in names.items()}
+    for record in bag.records(by_name):
+        records[by_name[record.topic]].append(record)
+    notes = [f"The bag is damaged. {fault}." for fault in bag.damage]
+
+    pairs, ambiguous = _pairs(records, bag, notes)
+    sent = len(records[TARGET_POSE.name]) + len(records[TARGET_POSE_STAMPED.name])
+    answered = len(records[JOINT_COMMAND.name])
+    if not pairs:
+        notes.insert(0, _why_no_pairs(records, names))
+    if answered > sent:
+        notes.append(
+            f"There are more commands ({answered}) than targets ({sent}): "
+            "not all targets were recorded."
+        )
+    unanswered = max(0, sent - answered)
+    counts = refusal_counts(
+        (record.message for record in _in_order_of_time(records[DIAGNOSTICS.name])), chosen
+    )
+    if counts is None and unanswered:
+        notes.append(
+            "The bag holds no diagnostics of the ik_node: every target without a command is "
+            "counted as refused, and reasons are not known."
+        )
+    elif counts is not None and counts.refused != unanswered:
+        notes.append(
+            f"{unanswered} targets have no command, but the ik_node's last diagnostics count "
+            f"{counts.refused} as refused: they are a second old at most, count from the node's "
+            "start, and leave out targets that a newer one replaced before they were read."
+        )
+    targets = tuple(_target_result(number, pair) for number, pair in enumerate(pairs, start=1))
+    latencies = [target.latency_us for target in targets if target.latency_us is not None]
+    unrecognised = len(targets) - len(latencies) - ambiguous
+    if unrecognised:
+        notes.append(
+            f"{unrecognised} of {len(targets)} answered targets were not "
+            "recognised among the sent ones: their latency is not known."
+        )
+    if ambiguous:
+        notes.append(
+            f"{ambiguous} of {len(targets)} answered targets are like several that were sent, of "
+            "which not all were answered: which one was answered, and so the latency, is not "
+            "known."
+        )
+    if latencies and not bag.has_publish_times:
+        notes.append(
+            "The bag does not tell when messages were sent: latency is computed from the times at "
+            "which the recorder received them."
+        )
+    difference = _recorded_error_difference(pairs, records, notes)
+    return TrackingReport(
+        bag_path=bag.path,
+        namespace=chosen,
+        targets_sent=sent,
+        targets_answered=answered,
+        targets_unanswered=unanswered,
+        targets_refused=unanswered if counts is None else counts.refused,
+        refusal_reasons=counts.reasons if counts is not None else {},
+        targets=targets,
+        position_error_mm=_summary([target.position_error_mm for target in targets]),
+        orientation_error_deg=_summary([target.orientation_error_deg for target in targets]),
+        latency_us=_summary(latencies),
+        latency_clock="sent" if bag.has_publish_times else "received",
+        recorded_error_difference=difference,
+        bag_complete=bag.complete,
+        notes=tuple(notes),
+    )
+
+
+def _pairs(
+    records: dict[str, list[BagRecord]], bag: Bag, notes: list[str]
+) -> tuple[list[_Pair], int]:
+    """Accepted targets with their achieved poses, in order of stamp.
+
+    Returns:
+        The pairs, and of how many the latency is unknown because several sent targets fit.
+    """
+    accepted = _by_stamp(records[ACCEPTED_TARGET.name], "accepted targets", notes)
+    achieved = _by_stamp(records[ACHIEVED_POSE.name], "achieved poses", notes)
+    commands = _by_stamp(records[JOINT_COMMAND.name], "commands", notes)
+    latencies = _latencies(records, accepted, commands, bag)
+    pairs = []
+    invalid = 0
+    for stamp in sorted(accepted.keys() & achieved.keys()):
+        try:
+            target = checked_pose(_pose(accepted[stamp].message.pose))
+            result = checked_pose(_pose(achieved[stamp].message.pose))
+        except ConversionError:
+            invalid += 1
+            continue
+        if max(np.abs(target[:3]).max(), np.abs(result[:3]).max()) > LARGEST_COORDINATE:
+            invalid += 1
+            continue
+        error = tracking_error(target, result)
+        pairs.append(_Pair(stamp, target, result, error, latencies.known.get(stamp)))
+    if invalid:
+        notes.append(
+            f"{invalid} pairs hold a pose that is no pose (NaN, no unit quaternion, or farther "
+            f"than {LARGEST_COORDINATE:g} m): they are left out."
+        )
+    without_result = len(accepted.keys() - achieved.keys())
+    if pairs and without_result:
+        notes.append(f"{without_result} accepted targets have no achieved pose in the bag.")
+    without_command = len(accepted.keys() - commands.keys())
+    if pairs and without_command:
+        notes.append(f"{without_command} accepted targets have no command in the bag.")
+    return pairs, sum(pair.stamp in latencies.ambiguous for pair in pairs)
+
+
+def _latencies(
+    records: dict[str, list[BagRecord]],
+    accepted: dict[int, BagRecord],
+    commands: dict[int, BagRecord],
+    bag: Bag,
+) -> _Latencies:
+    def time(record: BagRecord) -> int:
+        return record.publish_time_ns if bag.has_publish_times else record.log_time_ns
+
+    sent = [
+        TimedPose(record.topic, time(record), _pose(record.message))
+        for record in records[TARGET_POSE.name]
+    ]
+    sent += [
+        TimedPose(record.topic, time(record), _pose(record.message.pose))
+        for record in records[TARGET_POSE_STAMPED.name]
+    ]
+    stamps = sorted(accepted.keys() & commands.keys())
+    answers = [
+        TimedPose(
+            accepted[stamp].topic, time(accepted[stamp]), _pose(accepted[stamp].message.pose)
+        )
+        for stamp in stamps
+    ]
+    matches = match_targets(sent, answers)
+    known = {
+        stamp: (time(commands[stamp]) - sent[match].time_ns) / 1e3
+        for stamp, match in zip(stamps, matches.sent, strict=True)
+        if match is not None
+    }
+    return _Latencies(known, frozenset(stamps[number] for number in matches.ambiguous))
+
+
+def _recorded_error_difference(
+    pairs: Sequence[_Pair], records: dict[str, list[BagRecord]], notes: list[str]
+) -> tuple[float, float] | None:
+    positions = _by_stamp(records[POSITION_ERROR.name], "position errors", notes)
+    orientations = _by_stamp(records[ORIENTATION_ERROR.name], "orientation errors", notes)
+    both = [pair for pair in pairs if pair.stamp in positions and pair.stamp in orientations]
+    if not both:
+        if pairs:
+            notes.append("The bag holds no recorded tracking errors to compare with.")
+        return None
+    recorded_positions = np.array([_vector(positions[p.stamp].message.vector) for p in both])
+    recorded_rotations = np.array([_vector(orientations[p.stamp].message.vector) for p in both])
+    # Not '>': a NaN is not valid.
+    valid = (np.abs(recorded_positions) <= 2 * LARGEST_COORDINATE).all(axis=1)
+    valid &= (np.abs(recorded_rotations) <= LARGEST_COORDINATE).all(axis=1)
+    if not valid.all():
+        notes.append(
+            f"{np.count_nonzero(~valid)} recorded tracking errors are no numbers, or beyond all "
+            "measure: they disagree with those recomputed."
+        )
+    if not valid.any():
+        return None
+    both = [pair for pair, good in zip(both, valid, strict=True) if good]
+    recorded_positions, recorded_rotations = recorded_positions[valid], recorded_rotations[valid]
+    position_difference = np.linalg.norm(
+        recorded_positions - np.array([pair.error.position for pair in both]), axis=1
+    ).max()
+    # As rotations: at half a turn, a rotation vector and its negative are the same.
+    recomputed = Rotation.from_rotvec(np.array([pair.error.orientation for pair in both]))
+    difference = Rotation.from_rotvec(recorded_rotations) * recomputed.inv()
+    rotation_difference = difference.magnitude().max()
+    if max(position_difference, rotation_difference) > ERROR_AGREEMENT:
+        notes.append(
+            "The recorded tracking errors disagree with those recomputed from "
+            f"accepted_target and achieved_pose by up to {position_difference:.3g} m and "
+            f"{rotation_difference:.3g} rad."
+        )
+    return float(position_difference), float(rotation_difference)
+
+
+def _by_stamp(records: Sequence[BagRecord], what: str, notes: list[str]) -> dict[int, BagRecord]:
+    """Records by header stamp [ns]; a stamp that occurs twice pairs with nothing."""
+    found: dict[int, BagRecord] = {}
+    repeated: set[int] = set()
+    for record in records:
+        stamp = record.message.header.stamp
+        nanoseconds = stamp.sec * 1_000_000_000 + stamp.nanosec
+        if nanoseconds in found:
+            repeated.add(nanoseconds)
+        found[nanoseconds] = record
+    for stamp in repeated:
+        del found[stamp]
+    if repeated:
+        notes.append(f"{len(repeated)} stamps occur on several {what}: they are left out.")
+    return found
+
+
+def _why_no_pairs(records: dict[str, list[BagRecord]], names: dict[str, str]) -> str:
+    needed = (ACCEPTED_TARGET, ACHIEVED_POSE)
+    missing = [names[topic.name] for topic in needed if not records[topic.name]]
+    if missing:
+        return (
+            f"There is nothing to compare: the bag holds no message on {' and '.join(missing)}. "
+            "Record them too, with bag_recorder or 'ros2 bag record'."
+        )
+    return (
+        f"There is nothing to compare: {names[ACCEPTED_TARGET.name]} "
+        f"({len(records[ACCEPTED_TARGET.name])} messages) and {names[ACHIEVED_POSE.name]} "
+        f"({len(records[ACHIEVED_POSE.name])} messages) share no stamp with a valid pose. "
+        "The achieved pose must carry the stamp of its command."
+    )
+
+
+def _target_result(number: int, pair: _Pair) -> TargetResult:
+    return TargetResult(
+        number=number,
+        stamp_ns=pair.stamp,
+        target=(float(pair.target[0]), float(pair.target[1]), float(pair.target[2])),
+        achieved=(float(pair.achieved[0]), float(pair.achieved[1]), float(pair.achieved[2])),
+        position_error_mm=float(np.linalg.norm(pair.error.position)) * 1e3,
+        orientation_error_deg=float(np.degrees(np.linalg.norm(pair.error.orientation))),
+        latency_us=pair.latency_us,
+    )
+
+
+def _summary(values: Sequence[float]) -> Summary | None:
+    if not values:
+        return None
+    p50, p95, p99 = np.percentile(values, [50, 95, 99])
+    return Summary(float(p50), float(p95), float(p99), float(max(values)))
+
+
+def _summary_entries(summary: Summary | None) -> dict[str, float | None]:
+    return dict.fromkeys(Summary._fields) if summary is None else dict(summary._asdict())
+
+
+def _in_order_of_time(records: Sequence[BagRecord]) -> list[BagRecord]:
+    return sorted(records, key=lambda record: record.log_time_ns)
+
+
+def _pose(message: Pose) -> FloatArray:
+    return np.array(
+        [
+            message.position.x,
+            message.position.y,
+            message.position.z,
+            message.orientation.x,
+            message.orientation.y,
+            message.orientation.z,
+            message.orientation.w,
+        ]
+    )
+
+
+def _vector(message: Vector3) -> tuple[float, float, float]:
+    return message.x, message.y, message.z

@@ -1,0 +1,82 @@
+"""From a bag to a folder with its report: HTML, pictures and numbers."""
+
+from __future__ import annotations
+
+import csv
+import json
+from io import StringIO
+from pathlib import Path
+
+from annik_core.files import write_files_atomically
+from msg_tools.bags.reader import read_bag
+from msg_tools.report.errors import ReportNotWritable
+from msg_tools.report.html import report_html
+from msg_tools.report.plots import report_plots
+from msg_tools.report.tracking import TrackingReport, tracking_report
+
+
+def write_report(
+    bag_path: Path, output_directory: Path, namespace: str | None = None
+) -> TrackingReport:
+    """Write report.html, results.json, targets.csv and the pictures of a bag's report.
+
+    All files are made before the first one replaces that of an earlier report.
+
+    Args:
+        bag_path: folder of a bag, or one of its files.
+        output_directory: made if it does not exist.
+        namespace: of the robot; needed only if the bag holds several.
+
+    Returns:
+        The report that was written.
+
+    Raises:
+        BagNotFound: if there is no such bag.
+        BagNotReadable: if nothing in it can be read.
+        AmbiguousNamespace: if the bag holds robots in several namespaces and none is given.
+        UnknownNamespace: if the given one holds no robot.
+        ReportNotWritable: if the files can't be written; earlier ones are then kept.
+    """
+    report = tracking_report(read_bag(bag_path), namespace)
+    plots = report_plots(report)
+    contents = {
+        **plots,
+        "report.html": report_html(report, plots).encode(),
+        "results.json": (json.dumps(report.results(), indent=2, allow_nan=False) + "\n").encode(),
+        "targets.csv": _targets_csv(report).encode(),
+    }
+    try:
+        output_directory.mkdir(parents=True, exist_ok=True)
+        write_files_atomically(output_directory, contents)
+    except OSError as error:
+        raise ReportNotWritable(output_directory, error.strerror or str(error)) from error
+    return report
+
+
+def _targets_csv(report: TrackingReport) -> str:
+    text = StringIO()
+    writer = csv.writer(text)
+    writer.writerow(
+        (
+            "target",
+            "stamp_ns",
+            "x_m",
+            "y_m",
+            "z_m",
+            "position_error_mm",
+            "orientation_error_deg",
+            "latency_us",
+        )
+    )
+    for target in report.targets:
+        writer.writerow(
+            (
+                target.number,
+                target.stamp_ns,
+                *target.target,
+                target.position_error_mm,
+                target.orientation_error_deg,
+                target.latency_us,
+            )
+        )
+    return text.getvalue()

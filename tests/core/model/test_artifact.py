@@ -1,0 +1,524 @@
+"""A model file that is not whole and unaltered is refused, each by its own error. ROS-free."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from onnx import TensorProto, helper, numpy_helper
+
+from annik_core import errors
+from annik_core.model import artifact as artifact_module
+from annik_core.model.artifact import MAX_FILE_SIZE, default_model_path, load_artifact
+from annik_core.robots.library import robot_from_definition
+from annik_core.robots.robot import Robot
+from annik_core.serving.ik_server import IkServer
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.result import IkStatus
+
+PACKAGED = default_model_path().read_bytes()
+
+
+def altered(path: Path, change: Callable[[onnx.ModelProto], None]) -> Path:
+    """The packaged model after a change."""
+    model = onnx.load_model_from_string(PACKAGED)
+    change(model)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def entry(model: onnx.ModelProto, key: str) -> onnx.StringStringEntryProto:
+    return next(prop for prop in model.metadata_props if prop.key == f"annik.{key}")
+
+
+def with_entry(path: Path, key: str, value: object) -> Path:
+    def change(model: onnx.ModelProto) -> None:
+        entry(model, key).value = json.dumps(value)
+
+    return altered(path, change)
+
+
+def weight(model: onnx.ModelProto) -> TensorProto:
+    return next(t for t in model.graph.initializer if len(t.dims) == 2 and 20 in t.dims)
+
+
+def test_the_packaged_model_loads(gantry: Robot) -> None:
+    artifact = load_artifact(default_model_path(), gantry)
+    assert artifact.robot.joint_names == gantry.joint_names
+    assert artifact.metadata.examples == 179
+    assert len(artifact.sha256) == 64
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(errors.ArtifactNotFound, match=r"none\.onnx"):
+        load_artifact(tmp_path / "none.onnx")
+
+
+def test_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(errors.ArtifactNotReadable, match="can't be read"):
+        load_artifact(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 a zip", b"pose: 1\n", os.urandom(5000)])
+def test_not_onnx(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "model.onnx"
+    path.write_bytes(content)
+    with pytest.raises(errors.ArtifactNotReadable, match="not an ONNX file"):
+        load_artifact(path)
+
+
+@given(st.integers(0, len(PACKAGED) - 1))
+def test_truncated_anywhere(tmp_path_factory: pytest.TempPathFactory, length: int) -> None:
+    """Whatever is left, it is a typed error that names the file."""
+    path = tmp_path_factory.mktemp("cut") / "model.onnx"
+    path.write_bytes(PACKAGED[:length])
+    with pytest.raises(errors.ArtifactError, match=r"model\.onnx"):
+        load_artifact(path)
+
+
+@given(st.integers(0, len(PACKAGED) - 1), st.integers(1, 255))
+def test_a_changed_byte_never_crashes(
+    tmp_path_factory: pytest.TempPathFactory, position: int, flip: int
+) -> None:
+    """It loads, where the byte has no meaning, or is a typed error; nothing else."""
+    content = bytearray(PACKAGED)
+    content[position] ^= flip
+    path = tmp_path_factory.mktemp("changed") / "model.onnx"
+    path.write_bytes(bytes(content))
+    try:
+        load_artifact(path)
+    except errors.ArtifactError as error:
+        assert "model.onnx" in str(error)
+
+
+def test_too_large(tmp_path: Path) -> None:
+    path = tmp_path / "model.onnx"
+    with path.open("wb") as file:
+        file.truncate(MAX_FILE_SIZE + 1)
+    with pytest.raises(errors.ArtifactTooLarge, match="at most"):
+        load_artifact(path)
+
+
+def test_weights_outside_the_file(tmp_path: Path) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        tensor = weight(model)
+        tensor.data_location = TensorProto.EXTERNAL
+        tensor.external_data.add(key="location", value="weights.bin")
+
+    with pytest.raises(errors.ArtifactHasExternalData, match="outside the file"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_weight_that_is_not_finite(tmp_path: Path, value: float) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        tensor = weight(model)
+        array = numpy_helper.to_array(tensor).copy()
+        array.flat[3] = value
+        tensor.CopyFrom(numpy_helper.from_array(array, tensor.name))
+
+    with pytest.raises(errors.NonFiniteWeights, match="not finite"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize(
+    "name", ["network.hidden.layers.0.bias", "network.output.weight", "network.output.bias"]
+)
+def test_an_altered_weight(tmp_path: Path, name: str) -> None:
+    """The stored reference answers tell, if the weight has any effect on an answer."""
+
+    def change(model: onnx.ModelProto) -> None:
+        tensor = next(t for t in model.graph.initializer if t.name == name)
+        array = numpy_helper.to_array(tensor) + 1e-6
+        tensor.CopyFrom(numpy_helper.from_array(array, tensor.name))
+
+    with pytest.raises(errors.InvalidArtifactMetadata, match="weights were altered"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+KEYS = sorted(
+    prop.key.removeprefix("annik.")
+    for prop in onnx.load_model_from_string(PACKAGED).metadata_props
+)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_missing_entry_is_named(tmp_path: Path, key: str) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        model.metadata_props.remove(entry(model, key))
+
+    with pytest.raises(errors.MissingArtifactMetadata, match=f"annik.{key}"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS if key != "format_version"])
+def test_an_entry_of_another_type_is_named(tmp_path: Path, key: str) -> None:
+    """A number as text, a list as number: for every entry."""
+    loaded = json.loads(entry(onnx.load_model_from_string(PACKAGED), key).value)
+    value = 7 if isinstance(loaded, str) else "seven"
+    with pytest.raises(errors.InvalidArtifactMetadata, match=key):
+        load_artifact(with_entry(tmp_path / "model.onnx", key, value))
+
+
+def test_an_entry_that_is_not_json(tmp_path: Path) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        entry(model, "robot").value = "{"
+
+    with pytest.raises(errors.InvalidArtifactMetadata, match="not JSON"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize("version", ["0", "2", 1, None])
+def test_another_format_version(tmp_path: Path, version: object) -> None:
+    path = with_entry(tmp_path / "model.onnx", "format_version", version)
+    with pytest.raises(errors.UnsupportedArtifactVersion, match="reads 1"):
+        load_artifact(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("joint_names", ["a", "b", "c", "d", "e", "f"]),
+        ("base_frame", "world"),
+        ("end_effector_frame", "flange"),
+        ("joint_box_lower", [0.0] * 6),
+        ("joint_box_upper", [1.0] * 6),
+        ("joint_box_upper", [10**400] * 6),
+        ("robot_hash", "0" * 64),
+        ("reference_poses", [[0.0] * 6]),
+        ("reference_joint_positions", [[0.0] * 6]),
+    ],
+)
+def test_metadata_that_contradicts_itself(tmp_path: Path, key: str, value: object) -> None:
+    with pytest.raises(errors.InvalidArtifactMetadata, match=key):
+        load_artifact(with_entry(tmp_path / "model.onnx", key, value))
+
+
+def test_a_robot_that_makes_no_sense(tmp_path: Path) -> None:
+    path = with_entry(tmp_path / "model.onnx", "robot", {"kind": "octopus"})
+    with pytest.raises(errors.InvalidArtifactMetadata, match="octopus"):
+        load_artifact(path)
+
+
+@pytest.mark.parametrize("what", ["name", "type", "width"])
+def test_another_signature(tmp_path: Path, what: str) -> None:
+    """A graph whose input is not 'pose', double, (n, 7)."""
+
+    def change(model: onnx.ModelProto) -> None:
+        name = "target" if what == "name" else "pose"
+        kind = TensorProto.FLOAT if what == "type" else TensorProto.DOUBLE
+        width = 6 if what == "width" else 7
+        columns = numpy_helper.from_array(np.array([0, 1, 2, 3, 4, 5]), "columns")
+        nodes = [
+            helper.make_node("Gather", [name, "columns"], ["picked"], axis=1),
+            helper.make_node("Cast", ["picked"], ["joint_positions"], to=TensorProto.DOUBLE),
+        ]
+        graph = helper.make_graph(
+            nodes,
+            "other",
+            [helper.make_tensor_value_info(name, kind, ["n", width])],
+            [helper.make_tensor_value_info("joint_positions", TensorProto.DOUBLE, ["n", 6])],
+            [columns],
+        )
+        model.graph.CopyFrom(graph)
+
+    with pytest.raises(errors.ArtifactSignatureMismatch, match="input is"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "shape"),
+    [
+        ("joints", TensorProto.DOUBLE, ["n", 6]),
+        ("joint_positions", TensorProto.FLOAT, ["n", 6]),
+        ("joint_positions", TensorProto.DOUBLE, ["n", 5]),
+        ("joint_positions", TensorProto.DOUBLE, ["n", 6, 1]),
+        ("joint_positions", TensorProto.DOUBLE, [8, 6]),
+    ],
+)
+def test_another_output(tmp_path: Path, name: str, kind: int, shape: list[Any]) -> None:
+    """A graph whose output is not 'joint_positions', double, (n, dof)."""
+
+    def change(model: onnx.ModelProto) -> None:
+        # Without a node whose type or shape would contradict it first.
+        del model.graph.value_info[:]
+        del model.graph.node[:]
+        size = numpy_helper.from_array(np.array([s if s != "n" else -1 for s in shape]), "size")
+        first = numpy_helper.from_array(np.array(range(0, shape[1])), "first")
+        model.graph.initializer.extend([size, first])
+        model.graph.node.extend(
+            [
+                helper.make_node("Gather", ["pose", "first"], ["picked"], axis=1),
+                helper.make_node("Reshape", ["picked", "size"], ["shaped"]),
+                helper.make_node("Cast", ["shaped"], [name], to=kind),
+            ]
+        )
+        output = helper.make_tensor_value_info(name, kind, shape)
+        model.graph.output[0].CopyFrom(output)
+
+    with pytest.raises(errors.ArtifactSignatureMismatch, match="output is"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize("batch", [1, 8])
+def test_an_input_for_one_number_of_poses_only(tmp_path: Path, batch: int) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = batch
+
+    with pytest.raises(errors.ArtifactSignatureMismatch, match=f"{batch}, 7"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+def test_a_graph_that_onnxruntime_refuses(tmp_path: Path) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        model.graph.node[-1].input[0] = "nowhere"
+
+    with pytest.raises(errors.ArtifactNotReadable, match="onnxruntime"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+def with_node(model: onnx.ModelProto, node: onnx.NodeProto) -> None:
+    model.graph.node.insert(0, node)
+
+
+def if_node(*initializers: TensorProto) -> onnx.NodeProto:
+    """An ``If`` with tensors that only its branches have."""
+    branch = helper.make_graph(
+        [helper.make_node("Identity", [initializers[0].name], ["chosen"])],
+        "branch",
+        [],
+        [helper.make_tensor_value_info("chosen", TensorProto.DOUBLE, None)],
+        list(initializers),
+    )
+    return helper.make_node("If", ["pose"], ["unused"], then_branch=branch, else_branch=branch)
+
+
+NAN = numpy_helper.from_array(np.array([np.nan]), "hidden")
+SPARSE = helper.make_sparse_tensor(
+    numpy_helper.from_array(np.array([1.0]), "values"),
+    numpy_helper.from_array(np.array([0]), "indices"),
+    [3],
+)
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        if_node(NAN),
+        helper.make_node("RandomNormalLike", ["pose"], ["unused"]),
+        helper.make_node("Telepathy", ["pose"], ["unused"]),
+        helper.make_node("Gelu", ["pose"], ["unused"], domain="com.microsoft"),
+        helper.make_node("Add", ["pose", "pose"], ["unused"], domain="mine"),
+    ],
+    ids=lambda node: node.op_type,
+)
+def test_an_operator_that_no_model_uses(tmp_path: Path, node: onnx.NodeProto) -> None:
+    path = altered(tmp_path / "model.onnx", lambda model: with_node(model, node))
+    with pytest.raises(errors.ArtifactNotReadable, match=rf"operator '.*{node.op_type}'"):
+        load_artifact(path)
+
+
+@pytest.mark.parametrize(
+    "attribute",
+    [
+        helper.make_attribute("then_branch", if_node(NAN).attribute[0].g),
+        helper.make_attribute("branches", [if_node(NAN).attribute[0].g]),
+        helper.make_attribute("sparse_value", SPARSE),
+        helper.make_attribute("values", [NAN]),
+        helper.make_attribute("values", [SPARSE]),
+    ],
+)
+def test_an_attribute_that_hides_weights(tmp_path: Path, attribute: onnx.AttributeProto) -> None:
+    """Even where it claims to be a number."""
+    for kind in (attribute.type, onnx.AttributeProto.INT):
+        node = helper.make_node("Constant", [], ["unused"])
+        changed = node.attribute.add()
+        changed.CopyFrom(attribute)
+        changed.type = kind
+        path = altered(tmp_path / "model.onnx", lambda model, node=node: with_node(model, node))
+        with pytest.raises(errors.ArtifactNotReadable, match="not numbers or text"):
+            load_artifact(path)
+
+
+@pytest.mark.parametrize(
+    "constant", [{"value": NAN}, {"value_float": np.nan}, {"value_floats": [0.0, np.inf]}]
+)
+def test_a_constant_that_is_not_finite(tmp_path: Path, constant: dict[str, Any]) -> None:
+    node = helper.make_node("Constant", [], ["unused"], **constant)
+    path = altered(tmp_path / "model.onnx", lambda model: with_node(model, node))
+    with pytest.raises(errors.NonFiniteWeights, match="not finite"):
+        load_artifact(path)
+
+
+def test_a_function_in_the_model(tmp_path: Path) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        body = [helper.make_node("Identity", ["x"], ["y"])]
+        model.functions.append(
+            helper.make_function("mine", "F", ["x"], ["y"], body, model.opset_import)
+        )
+
+    with pytest.raises(errors.ArtifactNotReadable, match="functions"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+def test_a_sparse_weight(tmp_path: Path) -> None:
+    path = altered(
+        tmp_path / "model.onnx", lambda model: model.graph.sparse_initializer.append(SPARSE)
+    )
+    with pytest.raises(errors.ArtifactNotReadable, match="sparse"):
+        load_artifact(path)
+
+
+@pytest.mark.parametrize("kind", [999, TensorProto.FLOAT16, TensorProto.STRING])
+def test_a_tensor_of_a_type_that_no_model_uses(tmp_path: Path, kind: int) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        weight(model).data_type = kind
+
+    with pytest.raises(errors.ArtifactNotReadable, match=f"of type {kind}"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+def test_an_entry_that_is_there_twice(tmp_path: Path) -> None:
+    """Another reader might take the other one."""
+
+    def change(model: onnx.ModelProto) -> None:
+        model.metadata_props.add(key="annik.seed", value="1")
+
+    with pytest.raises(errors.InvalidArtifactMetadata, match=r"annik\.seed.*more than once"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999", "9" * 400])
+@pytest.mark.parametrize("key", ["evaluation", "fit_options", "robot"])
+def test_a_number_in_the_metadata_that_is_not_finite(
+    tmp_path: Path, key: str, number: str
+) -> None:
+    """JSON has none; Python's reader would take it."""
+
+    def change(model: onnx.ModelProto) -> None:
+        entry(model, key).value = f'{{"deep": [{number}]}}'
+
+    with pytest.raises(errors.InvalidArtifactMetadata, match=f"{key}.*not a finite number"):
+        load_artifact(altered(tmp_path / "model.onnx", change))
+
+
+def test_metadata_that_is_not_finite_is_not_written() -> None:
+    metadata = load_artifact(default_model_path()).metadata
+    with pytest.raises(ValueError, match="JSON"):
+        replace(metadata, evaluation={"examples": np.nan}).to_properties()
+
+
+@pytest.mark.parametrize("number", ["0.3", True, [[0.3]]])
+def test_a_number_of_the_metadata_of_another_type(tmp_path: Path, number: object) -> None:
+    rows = json.loads(entry(onnx.load_model_from_string(PACKAGED), "reference_poses").value)
+    rows[0][0] = number
+    with pytest.raises(errors.InvalidArtifactMetadata, match=r"reference_poses.*not numbers"):
+        load_artifact(with_entry(tmp_path / "model.onnx", "reference_poses", rows))
+
+
+@pytest.mark.parametrize("change", [{"kind": []}, {"kind": {}}, {"name": 7}, {"joints": [[]]}])
+def test_a_malformed_robot(tmp_path: Path, gantry: Robot, change: dict[str, Any]) -> None:
+    path = with_entry(tmp_path / "model.onnx", "robot", {**gantry.definition, **change})
+    with pytest.raises(errors.InvalidArtifactMetadata, match="'robot'"):
+        load_artifact(path)
+
+
+def test_a_path_that_can_not_be(tmp_path: Path) -> None:
+    with pytest.raises(errors.ArtifactNotFound):
+        load_artifact(f"{tmp_path}/model\0.onnx")
+
+
+def test_whatever_the_checks_did_not_foresee(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any exception of the libraries that read the bytes is an error that names the file."""
+
+    def surprise(*_: object) -> None:
+        raise AttributeError("a library's bug\non two lines")
+
+    monkeypatch.setattr(artifact_module, "_robot", surprise)
+    with pytest.raises(errors.ArtifactNotReadable, match=r"gantry\.onnx.*a library's bug\)"):
+        load_artifact(default_model_path())
+
+
+class FakeSession:
+    """A session whose answer to one pose alone is up to the test."""
+
+    def __init__(self, session: Any, alone: Callable[[Any], Any]) -> None:
+        self._session = session
+        self._alone = alone
+        self.get_inputs = session.get_inputs
+        self.get_outputs = session.get_outputs
+
+    def run(self, names: list[str], feed: dict[str, Any]) -> list[Any]:
+        answer = self._session.run(names, feed)[0]
+        return [self._alone(answer) if len(answer) == 1 else answer]
+
+
+def fail(_: Any) -> Any:
+    raise RuntimeError("[ONNXRuntimeError] Non-zero status code\nsecond line")
+
+
+FAILURES = pytest.mark.parametrize(
+    "alone",
+    [fail, lambda a: a[0], lambda a: np.tile(a, (8, 1)), lambda a: a[:, :5], np.float32],
+    ids=["raises", "flat", "of a batch", "a joint short", "single precision"],
+)
+
+
+@FAILURES
+def test_a_network_that_fails_while_it_serves(alone: Callable[[Any], Any]) -> None:
+    """The target is refused and counted; the service goes on."""
+    artifact = load_artifact(default_model_path())
+    pose = np.array(artifact.metadata.reference_poses[0])
+    failing = replace(artifact, session=FakeSession(artifact.session, alone), from_features=None)
+    with pytest.raises(errors.NetworkFailed, match=r"gantry\.onnx: the network fails"):
+        failing.joint_positions(pose[np.newaxis])
+    result = IkServer(IkSolver(failing)).answer(pose)
+    assert result.status is IkStatus.SOLVER_FAILED
+    assert "\n" not in result.reason
+
+
+@FAILURES
+def test_a_network_that_answers_batches_only(
+    monkeypatch: pytest.MonkeyPatch, alone: Callable[[Any], Any]
+) -> None:
+    original = artifact_module.make_session
+    monkeypatch.setattr(
+        artifact_module, "make_session", lambda *given: FakeSession(original(*given), alone)
+    )
+    with pytest.raises(errors.NetworkFailed, match="the network fails"):
+        load_artifact(default_model_path())
+
+
+def test_a_network_that_answers_differently_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = artifact_module.make_session
+    monkeypatch.setattr(
+        artifact_module,
+        "make_session",
+        lambda *given: FakeSession(original(*given), lambda answer: answer + 1e-8),
+    )
+    with pytest.raises(errors.InvalidArtifactMetadata, match=r"answers .* differently"):
+        load_artifact(default_model_path())
+
+
+def test_another_robot_of_the_same_name(gantry: Robot) -> None:
+    """The definition decides, not the name; the hashes tell which is which."""
+    other = robot_from_definition({**gantry.definition, "base_frame": "world"}, "test")
+    hashes = rf"{gantry.definition_hash[:12]}.*{other.definition_hash[:12]}"
+    with pytest.raises(errors.RobotMismatch, match=rf"robot gantry .*{hashes}"):
+        load_artifact(default_model_path(), other)
+
+
+def test_the_model_of_another_robot(gantry: Robot) -> None:
+    """Both robots are named."""
+    other = robot_from_definition({**gantry.definition, "name": "portal"}, "test")
+    with pytest.raises(errors.RobotMismatch, match=r"belongs to robot gantry .*, not to portal"):
+        load_artifact(default_model_path(), other)

@@ -1,0 +1,483 @@
+"""The chain of a URDF: found, or refused with the reason and the remedy. ROS-free."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.urdf_texts import DECLARATION, J1, J2, TWO_JOINTS, joint, urdf
+
+from annik_core.errors import InvalidRobotDefinition, UnknownRobot
+from annik_core.robots.library import load_robot
+from annik_core.robots.urdf import CONTINUOUS_LIMIT, MAX_LENGTH, serial_chain
+
+
+def refused(text: str, problem: str, **frames: str) -> None:
+    with pytest.raises(InvalidRobotDefinition, match=problem):
+        serial_chain(text, "test", **frames)
+
+
+class TestText:
+    """Whatever way the text comes in, the same chain is read from it."""
+
+    @pytest.mark.parametrize(
+        "before",
+        [
+            DECLARATION,
+            '<?xml version="1.0"?>',
+            "<?xml version='1.0' encoding='UTF-16'?>",
+            '<?xml version="1.0" encoding="ISO-8859-1"?>\n',
+            f" \n\t{DECLARATION}",
+            f"\ufeff{DECLARATION}",
+            f"\ufeff\n{DECLARATION}",
+            "<!-- made by <xacro> -->\n",
+            "<!DOCTYPE robot>",
+            "<?xml-model href='x'?>",
+        ],
+    )
+    def test_what_may_stand_before_the_robot(self, before: str) -> None:
+        """A parameter is text already, so an encoding that it declares means nothing."""
+        assert serial_chain(before + TWO_JOINTS, "test") == serial_chain(TWO_JOINTS, "test")
+        assert load_robot(before + TWO_JOINTS).joint_names == ("j1", "j2")
+
+    @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+    @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
+    def test_a_file_is_read_as_its_text(self, tmp_path: Path, encoding: str, name: str) -> None:
+        path = tmp_path / name
+        path.write_text(DECLARATION + TWO_JOINTS, encoding=encoding)
+        for source in (path, str(path)):
+            assert load_robot(source).definition_hash == load_robot(TWO_JOINTS).definition_hash
+
+    def test_a_file_in_another_encoding_is_refused(self, tmp_path: Path) -> None:
+        path = tmp_path / "arm.urdf"
+        path.write_text(TWO_JOINTS, encoding="utf-16")
+        with pytest.raises(InvalidRobotDefinition, match=r"arm\.urdf can't be read: .*utf-8"):
+            load_robot(path)
+
+    def test_a_definition_beside_a_urdf(self, tmp_path: Path) -> None:
+        (tmp_path / "arm.urdf").write_text(TWO_JOINTS)
+        path = tmp_path / "arm.yaml"
+        path.write_text("{kind: arm, name: mine, urdf_file: arm.urdf, joint_box: {j1: [0, 1]}}")
+        robot = load_robot(path)
+        assert robot.name == "mine"
+        assert robot.joint_box.lower.tolist() == [0, -1]
+        path.write_text("{kind: arm, urdf_file: other.urdf}")
+        with pytest.raises(InvalidRobotDefinition, match=r"there is no file .*other\.urdf"):
+            load_robot(path)
+        path.write_text("{kind: arm, urdf_file: .}")
+        with pytest.raises(InvalidRobotDefinition, match="can't be read"):
+            load_robot(path)
+        path.write_text("{kind: arm}")
+        with pytest.raises(InvalidRobotDefinition, match="'urdf' is missing"):
+            load_robot(path)
+
+    @pytest.mark.parametrize(
+        "name", ["x" * 5000, "a\0b", "", "../gantry2", "no.urdf", "x.xacro", "y" * 300 + ".urdf"]
+    )
+    def test_a_name_that_is_no_file_lists_the_robots(self, name: str) -> None:
+        with pytest.raises(UnknownRobot, match="ur5e"):
+            load_robot(name)
+
+    def test_namespaces(self) -> None:
+        """A default one, as Drake's, is part of every tag; a declared prefix is not."""
+        plain = serial_chain(TWO_JOINTS, "test")
+        for space in (
+            'xmlns="http://drake.mit.edu"',
+            'xmlns:xacro="http://www.ros.org/wiki/xacro"',
+            'xmlns:g="http://g" version="1.0"',
+        ):
+            text = urdf("abc", J1, J2, attributes=f'name="arm" {space}')
+            assert serial_chain(text, "test") == plain
+        foreign = urdf(
+            "abc", J1, J2, '<g:joint name="j1"/>', attributes='name="arm" xmlns:g="http://g"'
+        )
+        assert serial_chain(foreign, "test") == plain
+
+    def test_comments_and_other_elements_are_passed_over(self) -> None:
+        more = '<!-- <joint/> --><material name="m"/><gazebo><plugin/></gazebo><transmission/>'
+        text = urdf("abc", J1, more, J2)
+        assert serial_chain(text, "test") == serial_chain(TWO_JOINTS, "test")
+
+    def test_a_robot_without_a_name(self) -> None:
+        assert serial_chain(urdf("abc", J1, J2, attributes=""), "test").name == "robot"
+        with pytest.raises(InvalidRobotDefinition, match=r"name is .two\\nlines.: not a name"):
+            load_robot(urdf("abc", J1, J2, attributes='name="two&#10;lines"'))
+
+    @pytest.mark.parametrize(
+        ("text", "problem"),
+        [
+            ("", "not XML: no element found"),
+            ("<robot", "not XML: unclosed token"),
+            (TWO_JOINTS[:-3], "not XML: .*line 1, column"),
+            (TWO_JOINTS + "<robot/>", "not XML: junk after document element"),
+            ('<robot name="\0"/>', "not XML: "),
+            ('<robot name="\ud800"/>', "not XML: "),
+            (urdf("abc", J1, J2, "<xacro:arm/>"), "not XML: unbound prefix"),
+            ("<sdf><model/></sdf>", "not a URDF: its outermost element is <sdf>, not <robot>"),
+            ("<html/>", "its outermost element is <html>"),
+            ("<robot/>", "it has no links"),
+            ('<!DOCTYPE robot [<!ENTITY a "b">]>' + TWO_JOINTS, "declares entities"),
+            (" " * MAX_LENGTH + "x", f"more than the {MAX_LENGTH}"),
+            ("<robot>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>", "it has no links"),
+        ],
+        ids=range(13),
+    )
+    def test_what_is_no_urdf(self, text: str, problem: str) -> None:
+        refused(text, problem)
+
+    @pytest.mark.parametrize("address", ["http://www.ros.org/wiki/xacro", "http://ros.org/xacro"])
+    def test_xacro_is_to_be_expanded(self, address: str) -> None:
+        text = urdf("abc", J1, "<xacro:arm/>", J2, attributes=f'name="x" xmlns:xacro="{address}"')
+        refused(text, r"it is xacro, .*: xacro FILE > robot\.urdf")
+        refused(f'<xacro:macro xmlns:xacro="{address}"/>', "it is xacro")
+
+    @given(st.text(alphabet="<>/robtjinlkame=\"' !?-[]&;{}", max_size=60))
+    def test_any_text_is_read_or_refused(self, text: str) -> None:
+        with pytest.raises(InvalidRobotDefinition):
+            serial_chain(f"<{text}", "test")
+
+
+class TestNames:
+    """Names are those of the file, whatever they are."""
+
+    @pytest.mark.parametrize(
+        "names",
+        [
+            ("a", "b", "c", "b", "c"),
+            ("a", "b", "c", "a", "c"),
+            ("universe", "b", "c", "j1", "j2"),
+            ("a", "b", "universe", "j1", "j2"),
+            ("a", "b", "c", "universe", "root_joint"),
+            ("a", "b", "ü&amp;&lt;&quot;", "é", "日本"),
+            ("a a", "b b", "c c", "j 1", "j 2"),
+        ],
+    )
+    def test_the_kinematics_does_not_depend_on_them(self, names: tuple[str, ...]) -> None:
+        """Joints may have the names of links, and both those that Pinocchio gives by itself."""
+        a, b, c, j1, j2 = names
+        robot = load_robot(urdf((a, b, c), joint(j1, a, b), joint(j2, b, c)))
+        plain = load_robot(TWO_JOINTS)
+        q = plain.joint_limits.upper[None] * 0.5
+        assert (
+            robot.forward_kinematics.poses(q).tolist()
+            == plain.forward_kinematics.poses(q).tolist()
+        )
+
+    @pytest.mark.parametrize(
+        ("text", "problem"),
+        [
+            (urdf("abc", J1, joint("j1", "b", "c")), "two joints named 'j1'"),
+            (urdf("abca", J1, J2), "two links named 'a'"),
+            (urdf("abc", J1, joint("", "b", "c")), "a joint has no name"),
+            (urdf("abc", J1, joint("j&#10;2", "b", "c")), r"name of a joint is 'j\\n2': not a n"),
+            (urdf(("a", "b", "c", " "), J1, J2), "a link has no name"),
+            (urdf("abc", J1, joint("j2", "b", "")), "<child> of joint 'j2' has no link"),
+            (urdf("abc", J1, joint("j2", "b", "z")), "joint 'j2' names link 'z', which the URDF"),
+            (urdf("abc", J1, joint("j2", "z", "c")), "joint 'j2' names link 'z', which the URDF"),
+            (urdf("abc", J1, '<joint name="j2" type="fixed"/>'), "joint 'j2' has no <parent>"),
+            (urdf("abc", J1, J2.replace(' type="revolute"', "")), "joint 'j2' has no type"),
+        ],
+        ids=range(10),
+    )
+    def test_names_that_are_none(self, text: str, problem: str) -> None:
+        refused(text, problem)
+
+
+class TestTree:
+    """From the base frame to the end effector there is one way."""
+
+    BRANCHED = urdf("abcd", J1, J2, joint("j3", "b", "d"))
+
+    def test_the_only_root_and_the_only_tip_are_taken(self) -> None:
+        chain = serial_chain(TWO_JOINTS, "test")
+        assert (chain.base_frame, chain.end_effector_frame) == ("a", "c")
+        assert chain.joint_names == ("j1", "j2")
+        assert chain.joint_types == ("revolute", "revolute")
+
+    def test_the_order_of_the_file_is_no_matter(self) -> None:
+        assert serial_chain(urdf("cab", J2, J1), "test") == serial_chain(TWO_JOINTS, "test")
+
+    def test_several_tips_are_named(self) -> None:
+        refused(self.BRANCHED, "several tips: give end_effector_frame, .* such as c, d")
+
+    def test_a_branch_can_be_chosen(self) -> None:
+        chain = serial_chain(self.BRANCHED, "test", end_effector_frame="d")
+        assert chain.joint_names == ("j1", "j3")
+        assert "j2" not in chain.urdf
+
+    def test_a_tip_below_the_base_is_taken(self) -> None:
+        """Tips on other branches do not count."""
+        text = urdf("abcd", J1, J2, joint("j3", "a", "d"))
+        assert serial_chain(text, "test", base_frame="b").end_effector_frame == "c"
+
+    def test_a_part_can_be_chosen(self) -> None:
+        whole = urdf("abcd", J1, J2, joint("j3", "c", "d"))
+        part = serial_chain(whole, "test", "b", "c")
+        assert part.joint_names == ("j2",)
+        assert part == serial_chain(urdf("bc", J2), "test")
+
+    def test_frames_that_are_no_links(self) -> None:
+        for frame in ("base_frame", "end_effector_frame"):
+            refused(
+                TWO_JOINTS, f"{frame} 'z' is not a link of the URDF; .*: a, b, c", **{frame: "z"}
+            )
+
+    def test_many_links_are_not_all_listed(self) -> None:
+        links = [f"l{number}" for number in range(50)]
+        joints = [joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(49)]
+        refused(urdf(links, *joints), r"links: l0, .*l11, \.\.\.$", base_frame="z")
+
+    @pytest.mark.parametrize(
+        ("base", "tip", "above"), [("c", "a", "no links"), ("b", "b", "a"), ("c", "b", "a")]
+    )
+    def test_an_end_effector_not_below_the_base(self, base: str, tip: str, above: str) -> None:
+        problem = f"'{tip}' does not hang on base_frame '{base}'; above it are {above}$"
+        refused(TWO_JOINTS, problem, base_frame=base, end_effector_frame=tip)
+
+    def test_a_base_with_nothing_below(self) -> None:
+        refused(TWO_JOINTS, "nothing hangs on base_frame 'c'", base_frame="c")
+        refused(urdf("a"), "nothing hangs on base_frame 'a'")
+
+    def test_several_roots(self) -> None:
+        refused(urdf("abcz", J1, J2), "give base_frame, a link such as a, z")
+        chain = serial_chain(urdf("abcz", J1, J2), "test", base_frame="a")
+        assert chain == serial_chain(TWO_JOINTS, "test")
+
+    def test_two_parents(self) -> None:
+        text = urdf("abc", J1, J2, joint("j3", "a", "c"))
+        refused(text, "link 'c' hangs on two joints, 'j2' and 'j3'")
+
+    @pytest.mark.parametrize(
+        ("text", "frames"),
+        [
+            (urdf("ab", J1, joint("j2", "b", "a")), {}),
+            (urdf("ab", J1, joint("j2", "b", "a")), {"base_frame": "a"}),
+            (
+                urdf("ab", J1, joint("j2", "b", "a")),
+                {"base_frame": "a", "end_effector_frame": "b"},
+            ),
+            (urdf("a", joint("j1", "a", "a")), {"base_frame": "a", "end_effector_frame": "a"}),
+            (urdf("abcde", J1, J2, joint("j3", "d", "e"), joint("j4", "e", "d")), {}),
+        ],
+        ids=range(5),
+    )
+    def test_a_ring(
+        self, text: str, frames: dict[str, str], capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        """Wherever it is, and whatever part is asked for."""
+        with pytest.raises(InvalidRobotDefinition, match="its joints form a ring through"):
+            load_robot(text, **frames)
+        assert capfd.readouterr() == ("", "")
+
+    def test_a_large_tree_takes_no_time(self) -> None:
+        """Thousands of links, one below the other and one beside the other."""
+        count = 5_000
+        links = [f"l{number}" for number in range(count + 1)]
+        comb = [joint(f"j{i}", "l0", f"l{i + 1}", "fixed") for i in range(count)]
+        refused(urdf(links, *comb), "several tips")
+        line = [joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(count)]
+        refused(urdf(links, *line), "5000 joints, fixed ones included, more than 256")
+
+    def test_numbers_off_the_chain_are_nobody_s_concern(self) -> None:
+        finger = joint("j3", "b", "d", "prismatic", origin='rpy="0 0"', limit='lower="none"')
+        chain = serial_chain(urdf("abcd", J1, J2, finger), "test", None, "c")
+        assert chain.joint_names == ("j1", "j2")
+
+
+class TestJoints:
+    """What moves, and what is refused because it can't be one of an arm's."""
+
+    @staticmethod
+    def second(**changes: str) -> str:
+        return urdf("abc", J1, joint("j2", "b", "c", **changes))
+
+    @pytest.mark.parametrize(
+        ("limit", "problem"),
+        [
+            ("", "joint 'j2' is revolute and has no lower limit: add <limit"),
+            ('upper="1"', "no lower limit: add <limit"),
+            ('lower="1"', "no upper limit: add <limit .*or make it continuous"),
+            ('lower="1" upper="0"', "lower limit 1.0 above its upper limit 0.0"),
+            ('lower="x" upper="0"', "joint 'j2': lower limit is 'x', not a number"),
+            ('lower="nan" upper="0"', "lower limit is 'nan'"),
+            ('lower="0" upper="inf"', "upper limit is 'inf'"),
+            ('lower="" upper="0"', "lower limit is ''"),
+            ('lower="${-pi}" upper="0"', re.escape("lower limit is '${-pi}'")),
+        ],
+    )
+    @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+    def test_limits_that_are_none(self, kind: str, limit: str, problem: str) -> None:
+        refused(self.second(kind=kind, limit=limit), problem.replace("revolute", kind))
+
+    def test_no_limit_element_at_all(self) -> None:
+        text = self.second().replace('<limit lower="-1" upper="1"/>', "")
+        refused(text, "joint 'j1' is revolute and has no lower limit")
+
+    @pytest.mark.parametrize(
+        "limit", ["", 'lower="-1" upper="1"', 'lower="-inf" upper="inf"', 'lower="3" upper="0"']
+    )
+    def test_limits_of_a_continuous_joint_mean_nothing(self, limit: str) -> None:
+        chain = serial_chain(self.second(kind="continuous", limit=limit), "test")
+        assert chain.continuous == (False, True)
+        assert (chain.lower[1], chain.upper[1]) == (-CONTINUOUS_LIMIT, CONTINUOUS_LIMIT)
+        assert chain.joint_types == ("revolute", "revolute")
+
+    @pytest.mark.parametrize("kind", ["floating", "planar", "spherical", "Revolute"])
+    def test_kinds_that_no_arm_has(self, kind: str) -> None:
+        refused(
+            self.second(kind=kind), f"'j2' is {kind}; .* fixed, continuous, prismatic, revolute"
+        )
+
+    @pytest.mark.parametrize(
+        "axis",
+        ["0 0 0", "-0 0 0", "1e-200 0 0", "1e-160 1e-160 0", "1e300 0 1e300", "1e308 1e308 1e308"],
+    )
+    def test_an_axis_that_is_no_direction(self, axis: str) -> None:
+        """Such as those whose length Pinocchio can't compute."""
+        refused(self.second(axis=f'xyz="{axis}"'), "joint 'j2' has the axis .*not a direction")
+
+    @pytest.mark.parametrize("axis", ["nan 0 1", "inf 0 0", "0 1", "0 0 1 0", "", "0,0,1", "z"])
+    def test_an_axis_that_is_not_three_numbers(self, axis: str) -> None:
+        refused(
+            self.second(axis=f'xyz="{axis}"'), f"joint 'j2': xyz is '{axis}', not three numbers"
+        )
+
+    @pytest.mark.parametrize("key", ["xyz", "rpy"])
+    @pytest.mark.parametrize("value", ["nan 0 0", "0 inf 0", "0 0", "a b c", "0;0;0"])
+    def test_an_origin_that_is_not_three_numbers(self, key: str, value: str) -> None:
+        problem = f"joint 'j2': {key} is '{value}', not three numbers"
+        refused(self.second(origin=f'{key}="{value}"'), problem)
+
+    @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+    @pytest.mark.parametrize("length", ["2", "1e-30", "1e30"])
+    def test_the_length_of_an_axis_means_nothing(self, kind: str, length: str) -> None:
+        q = load_robot(TWO_JOINTS).joint_limits.upper[None] * 0.5
+        poses = [
+            load_robot(self.second(kind=kind, axis=f'xyz="0 {x} 0"'))
+            .forward_kinematics.poses(q)[0]
+            .tolist()
+            for x in ("1", length)
+        ]
+        assert poses[1] == pytest.approx(poses[0], abs=1e-15)
+
+    def test_what_is_left_out_has_the_value_that_the_standard_gives_it(self) -> None:
+        bare = self.second().replace('<axis xyz="0 0 1"/>', "").replace("<origin", "<ignored")
+        given = urdf(
+            "abc",
+            *(
+                joint(*names, origin='xyz="0 0 0" rpy="0 0 0"', axis='xyz="1 0 0"')
+                for names in (("j1", "a", "b"), ("j2", "b", "c"))
+            ),
+        )
+        assert serial_chain(bare, "test") == serial_chain(given, "test")
+
+    def test_a_mimic_joint_on_the_chain_is_refused(self) -> None:
+        text = self.second(more='<mimic joint="j1" multiplier="2"/>')
+        refused(text, "joint 'j2' mimics joint 'j1': .*choose an end_effector_frame before it")
+        assert serial_chain(text, "test", end_effector_frame="b").joint_names == ("j1",)
+
+    def test_a_mimic_joint_made_fixed_is_no_matter(self) -> None:
+        text = self.second(kind="fixed", more='<mimic joint="j1"/>')
+        assert serial_chain(text, "test").joint_names == ("j1",)
+
+    @pytest.mark.parametrize(
+        "other",
+        [
+            joint("g", "c", "d", more='<mimic joint="j1"/>'),
+            joint("g", "c", "d", "floating"),
+            joint("g", "c", "d", "planar", axis='xyz="0 0 0"'),
+            joint("g", "c", "d", limit='lower="2" upper="1"'),
+            joint("g", "c", "d", limit=""),
+        ],
+        ids=["mimic", "floating", "planar", "limits", "no limits"],
+    )
+    def test_joints_off_the_chain_are_no_matter(self, other: str) -> None:
+        text = urdf("abcd", J1, J2, other)
+        chain = serial_chain(text, "test", end_effector_frame="c")
+        assert chain == serial_chain(TWO_JOINTS, "test")
+
+    def test_only_fixed_joints(self) -> None:
+        fixed = [joint("j1", "a", "b", "fixed"), joint("j2", "b", "c", "fixed")]
+        refused(urdf("abc", *fixed), "nothing moves between base_frame 'a' and .* 'c'")
+
+    def test_more_joints_than_any_arm_has(self) -> None:
+        joints = [joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(33)]
+        links = [f"l{number}" for number in range(34)]
+        with pytest.raises(InvalidRobotDefinition, match="the chain has 33 joints, more than 32"):
+            load_robot(urdf(links, *joints))
+        assert load_robot(urdf(links[:-1], *joints[:-1])).dof == 32
+
+
+numbers = st.floats(-1e3, 1e3)
+triples = st.tuples(numbers, numbers, numbers)
+
+
+@given(triples, triples, st.tuples(numbers, numbers).map(sorted))
+def test_the_chain_written_anew_is_the_chain(
+    xyz: tuple[float, ...], rpy: tuple[float, ...], bounds: list[float]
+) -> None:
+    """To the last bit, and so is what is written of that."""
+    text = urdf(
+        "abc",
+        J1,
+        joint(
+            "j2",
+            "b",
+            "c",
+            origin=f'xyz="{" ".join(map(repr, xyz))}" rpy="{" ".join(map(repr, rpy))}"',
+            limit=f'lower="{bounds[0]!r}" upper="{bounds[1]!r}"',
+        ),
+    )
+    chain = serial_chain(text, "test")
+    assert (chain.lower[1], chain.upper[1]) == tuple(bounds)
+    assert serial_chain(chain.urdf, "test") == chain
+
+
+def test_a_continuous_joint_is_written_as_one_with_limits() -> None:
+    """Pinocchio would hold its cosine and sine."""
+    chain = serial_chain(urdf("abc", J1, joint("j2", "b", "c", "continuous", limit="")), "test")
+    again = serial_chain(chain.urdf, "test")
+    assert again == replace(chain, continuous=(False, False))
+    assert again.upper[1] == 2 * math.pi
+
+
+def test_only_what_moves_the_end_effector_is_kept() -> None:
+    heavy = "<visual><geometry><mesh filename='a.stl'/></geometry></visual><inertial/>"
+    text = urdf("abcd", J1, J2, joint("j3", "a", "d"))
+    text = text.replace('<link name="b"/>', f'<link name="b">{heavy}</link>')
+    chain = serial_chain(text, "test", end_effector_frame="c")
+    assert chain == serial_chain(TWO_JOINTS, "test")
+    assert "mesh" not in chain.urdf
+
+
+@pytest.mark.parametrize(
+    ("text", "frames"),
+    [
+        (TWO_JOINTS, {}),
+        (urdf("abcd", J1, J2, joint("j3", "b", "d", "floating")), {"end_effector_frame": "c"}),
+        (urdf("abc", J1, joint("j2", "b", "c", "continuous", limit="")), {}),
+        (urdf("abc", J1, joint("j2", "b", "c", more='<mimic joint="j1"/>')), {}),
+        (urdf("abc", J1, joint("j2", "b", "c", axis='xyz="0 0 0"')), {}),
+        (urdf("abc", J1, joint("j2", "b", "c", limit="")), {}),
+        (urdf("abc", J1, J2), {"base_frame": "z"}),
+        ("<robot>", {}),
+        ("<robot/>", {}),
+    ],
+    ids=range(9),
+)
+def test_nothing_is_printed(
+    text: str, frames: dict[str, str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Pinocchio's reader tells the terminal what it does not like."""
+    try:
+        robot = load_robot(text, **frames)
+    except InvalidRobotDefinition:
+        pass
+    else:
+        robot.forward_kinematics.poses(robot.joint_box.centre[None])
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,263 @@
+"""What commands are held to besides the solver's own checks. Needs no ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from annik_core.model.artifact import default_model_path
+from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
+from annik_core.safety import (
+    CommandSafety,
+    FirstCommandRule,
+    InvalidSafetyLimit,
+    age_violation,
+    velocity_violation,
+)
+from annik_core.serving.ik_server import IkServer
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.result import IkStatus
+
+POSES = np.array(
+    [pose_from_roll_pitch_yaw([x, 0.4, 0.6], [0.5, 0.4, 0.3]) for x in np.linspace(0.3, 0.4, 11)]
+)
+UNREACHABLE = pose_from_roll_pitch_yaw([2.0, 0.4, 0.6], [0.5, 0.4, 0.3])
+
+
+class Bench:
+    """A server whose clock and whose robot are set by hand."""
+
+    def __init__(self, safety: CommandSafety) -> None:
+        self.now = 100.0
+        self.measured: FloatArray | None = None
+        self.server = IkServer(
+            IkSolver.from_file(default_model_path()),
+            safety,
+            measure=lambda: self.measured,
+            clock=lambda: self.now,
+        )
+
+    def joint_positions(self, pose: FloatArray) -> FloatArray:
+        """Where the robot is when it is at a pose."""
+        found = self.server.solver.solve(pose).joint_positions
+        assert found is not None
+        return found
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    """With the default limits."""
+    yield Bench(CommandSafety())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"max_target_age": math.nan},
+        {"max_joint_velocity": -1.0},
+        {"max_first_step": -0.1},
+        {"workspace_box_lower": (0.0, 0.0, 1.0), "workspace_box_upper": (1.0, 1.0, 1.0)},
+        {"workspace_box_lower": (math.nan, 0.0, 0.0)},
+    ],
+)
+def test_limits_that_make_no_sense_are_refused(changes: dict[str, float]) -> None:
+    """At once, and by name."""
+    with pytest.raises(InvalidSafetyLimit, match=next(iter(changes))):
+        replace(CommandSafety(), **changes)
+
+
+def test_by_default_a_command_near_the_measured_robot_is_a_first_one(bench: Bench) -> None:
+    """And one that is far away is not, until the robot is near it."""
+    bench.measured = bench.joint_positions(POSES[0])
+    far = POSES[0].copy()
+    far[0] += 0.19
+    result = bench.server.answer(far)
+    assert result.status is IkStatus.FIRST_COMMAND_TOO_FAR
+    assert "x_drive_joint would go to" in result.reason
+    assert "is measured at" in result.reason
+    assert bench.server.answer(POSES[0]).accepted
+    # It is not the first any more.
+    assert bench.server.answer(far).accepted
+    bench.server.forget_last_command()
+    assert bench.server.answer(far).status is IkStatus.FIRST_COMMAND_TOO_FAR
+
+
+@pytest.mark.parametrize(
+    ("rule", "accepted"),
+    [
+        (FirstCommandRule.FREE, True),
+        (FirstCommandRule.NEAR_IF_MEASURED, True),
+        (FirstCommandRule.NEAR, False),
+    ],
+)
+def test_where_nobody_measures_the_rule_decides(rule: FirstCommandRule, accepted: bool) -> None:
+    """Only ``near`` insists on a measurement, and says what to do."""
+    bench = Bench(CommandSafety(first_command=rule))
+    result = bench.server.answer(POSES[0])
+    assert result.accepted is accepted
+    if not accepted:
+        assert result.status is IkStatus.FIRST_COMMAND_TOO_FAR
+        assert "publish joint_states" in result.reason
+        bench.measured = bench.joint_positions(POSES[0])
+        assert bench.server.answer(POSES[0]).accepted
+
+
+def test_a_free_first_command_may_be_anywhere() -> None:
+    """Even far from where the robot is measured."""
+    bench = Bench(CommandSafety(first_command=FirstCommandRule.FREE))
+    bench.measured = bench.joint_positions(POSES[0]) + 1.0
+    assert bench.server.answer(POSES[0]).accepted
+
+
+def test_every_command_is_held_to_the_measured_robot_if_wanted() -> None:
+    """Not only the first: a robot that lags behind, or stands still, is not run away from."""
+    bench = Bench(CommandSafety(max_measured_step=0.05))
+    bench.measured = bench.joint_positions(POSES[0])
+    assert bench.server.answer(POSES[0]).accepted
+    refused = bench.server.answer(POSES[10])
+    assert refused.status is IkStatus.TOO_FAR_FROM_MEASURED
+    bench.measured = bench.joint_positions(POSES[10])
+    assert bench.server.answer(POSES[10]).accepted
+
+
+def test_a_joint_may_not_go_faster_than_its_limit() -> None:
+    """By the time since the last command, which a refusal does not change."""
+    bench = Bench(CommandSafety(max_joint_velocity=0.5))
+    assert bench.server.answer(POSES[0]).accepted
+    step = np.abs(bench.joint_positions(POSES[1]) - bench.joint_positions(POSES[0])).max()
+    bench.now += 1.9 * step
+    refused = bench.server.answer(POSES[1])
+    assert refused.status is IkStatus.JOINT_VELOCITY_TOO_LARGE
+    assert "at most 0.5 is allowed" in refused.reason
+    bench.now += 0.2 * step
+    assert bench.server.answer(POSES[1]).accepted
+
+
+def test_a_burst_counts_as_commands_at_the_expected_rate() -> None:
+    """Two targets that arrive together were made one interval apart."""
+    bench = Bench(CommandSafety(max_joint_velocity=0.1, shortest_interval=1.0))
+    assert bench.server.answer(POSES[0]).accepted
+    assert bench.server.answer(POSES[1]).accepted
+    assert bench.server.answer(POSES[10]).status is IkStatus.JOINT_VELOCITY_TOO_LARGE
+
+
+@given(
+    st.lists(st.floats(-3, 3), min_size=3, max_size=3),
+    st.floats(0, 10),
+    st.floats(0, 100),
+)
+def test_the_velocity_is_step_by_time(
+    steps: list[float], interval: float, max_joint_velocity: float
+) -> None:
+    """For any numbers, also no time at all."""
+    safety = CommandSafety(max_joint_velocity=max_joint_velocity)
+    violation = velocity_violation(("a", "b", "c"), np.array(steps), np.zeros(3), interval, safety)
+    assert (violation is None) == all(abs(s) <= max_joint_velocity * interval for s in steps)
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "text"),
+    [(0, 0.6, "position.x is 0.6 m"), (1, -1.0, "position.y"), (2, 0.9, "allows 0.1 to 0.8 m")],
+)
+def test_a_target_outside_of_the_workspace_box_is_refused(
+    index: int, value: float, text: str
+) -> None:
+    """Naming the axis, the value and the box."""
+    bench = Bench(
+        CommandSafety(workspace_box_lower=(0.1,) * 3, workspace_box_upper=(0.5, 0.5, 0.8))
+    )
+    pose = POSES[0].copy()
+    pose[index] = value
+    refused = bench.server.answer(pose)
+    assert refused.status is IkStatus.OUTSIDE_WORKSPACE_BOX
+    assert text in refused.reason
+    assert bench.server.answer(POSES[0]).accepted
+    pose[index] = math.nan
+    assert bench.server.answer(pose).status is IkStatus.NOT_FINITE
+
+
+@pytest.mark.parametrize(
+    ("age", "text"),
+    [(0.0, None), (0.09, None), (-0.09, None), (None, None), (0.11, "old"), (-0.2, "future")],
+)
+def test_a_target_is_stale_beyond_its_limit_in_either_direction(
+    age: float | None, text: str | None
+) -> None:
+    """A stamp from the future is as wrong as an old one; no stamp is no age."""
+    violation = age_violation(age, CommandSafety(max_target_age=0.1))
+    assert (violation is None) == (text is None)
+    if text is not None:
+        assert violation is not None
+        assert text in violation
+    assert age_violation(age, CommandSafety()) is None
+
+
+def test_a_path_is_answered_as_a_whole(bench: Bench) -> None:
+    """With the joint positions that its poses have one by one, and counted as one."""
+    answer = bench.server.answer_path(POSES, 0.1, max_poses=100)
+    assert answer.refusal is None
+    assert answer.joint_positions is not None
+    single = [bench.joint_positions(pose) for pose in POSES]
+    np.testing.assert_array_equal(answer.joint_positions, single)
+    outcomes = bench.server.end_period().outcomes
+    assert (outcomes.received, outcomes.accepted) == (1, 1)
+
+
+@pytest.mark.parametrize("bad", [0, 4, 10])
+def test_a_path_with_one_bad_pose_is_refused_naming_it(bench: Bench, bad: int) -> None:
+    """Nothing is commanded, and the last command is still that before the path."""
+    poses = POSES.copy()
+    poses[bad] = UNREACHABLE
+    bench.server.safety = CommandSafety(max_joint_velocity=1.0)
+    assert bench.server.answer(POSES[0]).accepted
+    bench.now += 1.0
+    answer = bench.server.answer_path(poses, 0.1, max_poses=100)
+    assert answer.joint_positions is None
+    assert answer.refusal is not None
+    assert answer.refusal.status is IkStatus.OUTSIDE_WORKSPACE
+    assert answer.refusal.reason.startswith(f"pose {bad} of 0 to 10: ")
+    assert bench.server.answer(POSES[1]).accepted
+    outcomes = bench.server.end_period().outcomes
+    assert (outcomes.received, outcomes.accepted, outcomes.refused) == (3, 2, 1)
+
+
+@pytest.mark.parametrize("count", [0, 11])
+def test_a_path_has_a_length_that_can_be_answered_in_time(bench: Bench, count: int) -> None:
+    """Neither none nor too many."""
+    answer = bench.server.answer_path(POSES[:count], 0.1, max_poses=10)
+    assert answer.refusal is not None
+    assert answer.refusal.status is IkStatus.PATH_LENGTH
+    assert f"{count} poses" in answer.refusal.reason
+
+
+def test_a_path_in_another_frame_or_too_old_is_refused(bench: Bench) -> None:
+    """As a single target is."""
+    bench.server.safety = CommandSafety(max_target_age=1.0)
+    for arguments, status in (
+        (("camera", 0.0), IkStatus.WRONG_FRAME),
+        (("", 2.0), IkStatus.STALE_TARGET),
+    ):
+        refusal = bench.server.answer_path(POSES, 0.1, 100, *arguments).refusal
+        assert refusal is not None
+        assert refusal.status is status
+
+
+def test_the_speed_along_a_path_is_that_of_its_interval() -> None:
+    """However fast it is computed; and only its beginning is held to the measured robot."""
+    bench = Bench(CommandSafety(max_joint_velocity=0.5, max_measured_step=0.05))
+    bench.measured = bench.joint_positions(POSES[0])
+    step = np.abs(np.diff([bench.joint_positions(pose) for pose in POSES], axis=0)).max()
+    refused = bench.server.answer_path(POSES, 1.9 * step, max_poses=100).refusal
+    assert refused is not None
+    assert refused.status is IkStatus.JOINT_VELOCITY_TOO_LARGE
+    assert bench.server.answer_path(POSES, 2.1 * step, max_poses=100).refusal is None
+    # From its end the next one starts.
+    bench.now += 1.0
+    bench.measured = bench.joint_positions(POSES[10])
+    assert bench.server.answer(POSES[10]).accepted

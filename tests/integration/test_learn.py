@@ -1,0 +1,43 @@
+"""``./run learn``: measure, learn and drive a robot that is not as described."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from annik_core.dataset import load_dataset
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.slow
+def test_learn(tmp_path: Path) -> None:
+    """Twenty poses take it from millimetres to a few hundredths."""
+    folder = tmp_path / "learn"
+    result = subprocess.run(
+        [sys.executable, "-m", "examples.learn", "--examples", "20", "--out", str(folder)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    for name in ("nominal", "learned"):
+        assert results[name]["targets_sent"] == results[name]["targets_answered"] == 201
+    assert results["nominal"]["position_error_mm"]["p50"] > 2.0
+    assert results["learned"]["position_error_mm"]["max"] < 0.1
+    assert results["learned"]["orientation_error_deg"]["max"] < 0.01
+    assert results["fit"]["examples"] == 20
+
+    measured = load_dataset(folder / "measured.npz")
+    planned = load_dataset(folder / "plan.npz")
+    np.testing.assert_array_equal(measured.joint_positions, planned.joint_positions)
+    assert measured.measurement_noise is not None
+    for name in ("before_and_after.png", "learned.onnx", "nominal/report.html"):
+        assert (folder / name).stat().st_size > 0

@@ -1,0 +1,66 @@
+"""Topics, services and diagnostics of the nodes are those that the documentation names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from annik_core.pose import pose_from_roll_pitch_yaw
+from annik_core.solver.result import REFUSALS, IkStatus
+from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES
+from annik_ros.ik_node.services import SERVICES
+from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.topics import TOPICS
+
+TARGET = pose_from_roll_pitch_yaw([0.3001, 0.4, 0.6], [0.5, 0.4, 0.3])
+UNREACHABLE = pose_from_roll_pitch_yaw([2.0, 0.4, 0.6], [0.5, 0.4, 0.3])
+
+
+def test_every_refusal_has_a_meaning() -> None:
+    """The table of refusals is whole, and in the order of the checks."""
+    assert list(REFUSALS) == [status for status in IkStatus if status is not IkStatus.SUCCESS]
+
+
+def test_both_nodes_report_what_is_documented(launch: Callable[..., Any], client: Any) -> None:
+    """All of it, and nothing else; a refusal of either shows its reason."""
+    launch("ik_node", "-p", "expected_rate:=100.0", "-p", "queue_depth:=100")
+    launch("fake_robot_node")
+    client.connect(TARGET, "tracking_error/position")
+    client.send(UNREACHABLE)
+    unusable = client.received["joint_command"][-1]
+    unusable.position[0] = float("nan")
+    unusable.header.stamp = stamp_to_message(1)
+    client.command.publish(unusable)
+    for node, refused in (("ik_node", "targets refused"), ("fake_robot", "commands refused")):
+        _, values = client.wait_for_status(
+            node, lambda values, refused=refused: int(values[refused]) > 0, refused
+        )
+        keys = {"refused: REASON" if key.startswith("refused: ") else key for key in values}
+        assert keys == set(DIAGNOSTIC_VALUES[node])
+
+
+def test_both_nodes_have_the_topics_and_services_that_are_documented(
+    launch: Callable[..., Any], client: Any
+) -> None:
+    """With these types, besides those that every ROS node has."""
+    launch("ik_node")
+    launch("fake_robot_node")
+    client.connect(TARGET, "tracking_error/position")
+    documented = {f"/{topic.name.lstrip('/')}": topic.type for topic in TOPICS}
+    for node in ("ik_node", "fake_robot"):
+        used = [
+            *client.node.get_publisher_names_and_types_by_node(node, "/"),
+            *client.node.get_subscriber_names_and_types_by_node(node, "/"),
+        ]
+        own = {
+            name: types[0]
+            for name, types in used
+            if name not in ("/rosout", "/parameter_events", "/ik_node/transition_event")
+        }
+        assert own.items() <= documented.items()
+    services = {
+        name.replace("/ik_node", "~"): types[0]
+        for name, types in client.node.get_service_names_and_types_by_node("ik_node", "/")
+        if "parameter" not in name and "type_description" not in name
+    }
+    assert services == {service.name: service.type for service in SERVICES}

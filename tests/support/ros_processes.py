@@ -1,0 +1,410 @@
+# ruff: noqa: E402 - rclpy reads its environment when it is imported, so that is set before
+"""Processes, and a client to talk to them, for the tests over real DDS.
+
+Every test gets a domain of its own on the loopback interface, and every process that it started is
+killed with its whole group when it ends, passed or failed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+
+# Read when rclpy and the message packages are imported, here and in the processes started.
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+rclpy = pytest.importorskip("rclpy")
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Pose, PoseStamped, Vector3Stamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from annik_core.model.artifact import default_model_path, load_artifact
+from annik_core.pose import FloatArray
+from annik_core.robots.library import robot_from_definition
+from msg_tools.conversions.pose import pose_stamped_to_message, pose_to_message
+from msg_tools.conversions.stamp import stamp_from_message, stamp_to_message
+
+ROOT = Path(__file__).resolve().parents[2]
+#: How long anything may take before a test fails [s]; a loaded machine is slow to start Python.
+TIMEOUT = 20.0
+#: Domains that every platform supports.
+DOMAINS = 102
+READY_LINES = {
+    "bag_recorder": "recording ",
+    "example_collector": "measured_pose -> joint_command",
+    "ik_node": "target_pose -> joint_command",
+    "fake_robot_node": "joint_command -> joint_states",
+    "target_publisher": "subscriber(s)",
+}
+
+# Several runs of the tests may go on at once, and each in several processes, numbered by
+# pytest-xdist: a run begins anywhere, and each of its processes has every other domain.
+_workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+_run = os.getpid() if _workers == 1 else os.getppid()
+_domains = itertools.count(_run * _workers + _worker, _workers)
+
+
+class NodeProcess:
+    """A node of annik in a process of its own, and what it logs."""
+
+    def __init__(
+        self,
+        module: str,
+        arguments: tuple[str, ...],
+        domain: int,
+        log: Path,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        """Start it.
+
+        Args:
+            module: the module of ``annik_ros`` to run.
+            arguments: ROS arguments, after ``--ros-args``.
+            domain: ROS domain.
+            log: the file for its output.
+            environment: what to change in the environment.
+        """
+        self.module = module
+        self._log = log
+        command = [sys.executable, "-m", f"annik_ros.{module}"]
+        if arguments:
+            command += ["--ros-args", *arguments]
+        with log.open("wb") as output:
+            self.process = subprocess.Popen(
+                command,
+                cwd=ROOT,
+                env={**os.environ, "ROS_DOMAIN_ID": str(domain), **(environment or {})},
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def log(self) -> str:
+        """Everything that it has written so far; nothing if that went to a device."""
+        if not self._log.is_file():
+            return ""
+        return self._log.read_text(encoding="utf-8", errors="replace")
+
+    def wait_for_line(self, text: str, timeout: float = TIMEOUT) -> None:
+        """Wait until it has logged ``text``; fail if it ends or takes too long."""
+        deadline = time.monotonic() + timeout
+        while text not in self.log:
+            # Looked at before the log is read again, so that last words are not missed.
+            ended = self.process.poll() is not None
+            if text in self.log:
+                return
+            if ended or time.monotonic() > deadline:
+                pytest.fail(f"{self.module} did not log {text!r} but:\n{self.log}")
+            time.sleep(0.02)
+
+    def wait_for_exit(self, timeout: float = TIMEOUT) -> int:
+        """Its exit code; fail if it does not end."""
+        try:
+            return self.process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            pytest.fail(f"{self.module} still runs after {timeout} s:\n{self.log}")
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send it a signal."""
+        self.process.send_signal(number)
+
+    def kill(self) -> None:
+        """Kill it and everything that it started."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+
+class Client:
+    """Sends targets as a user would, and keeps what the nodes publish."""
+
+    def __init__(self, domain: int, namespace: str = "", targets: str = "target_pose") -> None:
+        """Join the domain.
+
+        Args:
+            domain: ROS domain.
+            namespace: the namespace that the nodes are in.
+            targets: the topic to send plain targets on.
+        """
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node("client", context=self.context, namespace=namespace)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        many = QoSProfile(depth=1000)
+        self.target = self.node.create_publisher(Pose, targets, many)
+        self.stamped_target = self.node.create_publisher(PoseStamped, "target_pose_stamped", many)
+        self.command = self.node.create_publisher(JointState, "joint_command", many)
+        self.accepted_target = self.node.create_publisher(PoseStamped, "accepted_target", many)
+        self.received: dict[str, list[Any]] = {}
+        self._services: dict[str, Any] = {}
+        for topic, message_type in (
+            ("accepted_target", PoseStamped),
+            ("joint_command", JointState),
+            ("joint_states", JointState),
+            ("achieved_pose", PoseStamped),
+            ("tracking_error/position", Vector3Stamped),
+            ("tracking_error/orientation", Vector3Stamped),
+            ("/diagnostics", DiagnosticArray),
+        ):
+            self.listen(topic, message_type)
+
+    def listen(self, topic: str, message_type: type) -> None:
+        """Keep what is published on one more topic."""
+        messages = self.received.setdefault(topic, [])
+        self.node.create_subscription(message_type, topic, messages.append, QoSProfile(depth=1000))
+
+    def wait_until(
+        self, condition: Callable[[], object], what: str, timeout: float = TIMEOUT
+    ) -> None:
+        """Take messages until the condition holds; fail if it takes too long."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                pytest.fail(f"waited {timeout} s in vain: {what}")
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def take_messages(self, duration: float) -> None:
+        """Take messages for a while [s]."""
+        deadline = time.monotonic() + duration
+        while time.monotonic() < deadline:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def send(self, pose: FloatArray) -> None:
+        """Send a target; the message carries the seven numbers as they are."""
+        self.wait_until(self.target.get_subscription_count, "a subscriber of the targets")
+        self.target.publish(pose_to_message(pose))
+
+    def send_stamped(self, pose: FloatArray, frame_id: str) -> None:
+        """Send a stamped target in a frame."""
+        self.wait_until(self.stamped_target.get_subscription_count, "a subscriber of the targets")
+        now = self.node.get_clock().now().nanoseconds
+        self.stamped_target.publish(self.pose_stamped(pose, now, frame_id))
+
+    @staticmethod
+    def pose_stamped(pose: FloatArray, stamp: int, frame_id: str) -> PoseStamped:
+        """The message of a pose at a time [ns]."""
+        return pose_stamped_to_message(pose, stamp_to_message(stamp), frame_id)
+
+    def stamps(self, topic: str) -> list[int]:
+        """Stamps of what was received on a topic, in the order of arrival [ns]."""
+        return [stamp_from_message(message.header.stamp) for message in self.received[topic]]
+
+    def stamps_of(self, pose: FloatArray) -> list[int]:
+        """Stamps under which a target was accepted [ns]; targets are told apart by their x."""
+        return [
+            stamp_from_message(message.header.stamp)
+            for message in self.received["accepted_target"]
+            if message.pose.position.x == float(pose[0])
+        ]
+
+    def connect(self, pose: FloatArray, result: str = "joint_command") -> None:
+        """Send one target again and again until its result arrives: everybody has met.
+
+        A publisher knows its subscriber a moment before or after the subscriber knows it, so no
+        count of matches says that the whole chain is there. No result of these targets is still on
+        its way afterwards.
+        """
+        deadline = time.monotonic() + TIMEOUT
+        while not self._has_result(pose, result):
+            if time.monotonic() > deadline:
+                pytest.fail(f"no {result} for the first target")
+            self.send(pose)
+            pause = time.monotonic() + 0.3
+            while time.monotonic() < pause and not self._has_result(pose, result):
+                self.executor.spin_once(timeout_sec=0.05)
+        # Told from the others by its last bit, and answered after them: topics keep their order.
+        last = pose.copy()
+        last[0] = np.nextafter(pose[0], np.inf)
+        self.send(last)
+        topics = ("joint_command", result)
+        self.wait_for_results(last, [topic for topic in topics if self._has_result(pose, topic)])
+
+    def wait_for_results(self, pose: FloatArray, topics: Sequence[str]) -> None:
+        """Wait for what came of a target on every one of these topics.
+
+        The topics are independent of each other: what was published last may arrive first.
+        """
+        for topic in topics:
+            self.wait_until(
+                lambda topic=topic: self._has_result(pose, topic), f"{topic} of the target"
+            )
+
+    def _has_result(self, pose: FloatArray, result: str) -> bool:
+        return bool(set(self.stamps_of(pose)) & set(self.stamps(result)))
+
+    def status(self, node: str) -> tuple[DiagnosticStatus, dict[str, str]] | None:
+        """What a node last said of itself on /diagnostics, and its values."""
+        for message in reversed(self.received["/diagnostics"]):
+            for status in message.status:
+                if status.name == node:
+                    return status, {value.key: value.value for value in status.values}
+        return None
+
+    def wait_for_status(
+        self, node: str, condition: Callable[[dict[str, str]], bool], what: str
+    ) -> tuple[DiagnosticStatus, dict[str, str]]:
+        """The first report of a node, from now on, whose values meet the condition."""
+        self.received["/diagnostics"].clear()
+        self.wait_until(lambda: self._meets(node, condition), f"diagnostics with {what}")
+        found = self.status(node)
+        assert found is not None
+        return found
+
+    def _meets(self, node: str, condition: Callable[[dict[str, str]], bool]) -> bool:
+        found = self.status(node)
+        return found is not None and condition(found[1])
+
+    def call(self, service: str) -> Trigger.Response:
+        """The response of a trigger service."""
+        return self.request(Trigger, service, Trigger.Request())
+
+    def set_parameter(self, node: str, name: str, value: object) -> SetParametersResult:
+        """What a node answers to a new value for one of its parameters."""
+        request = SetParameters.Request()
+        request.parameters = [Parameter(name, value=value).to_parameter_msg()]
+        return self.request(SetParameters, f"{node}/set_parameters", request).results[0]
+
+    def set_parameters_atomically(
+        self, node: str, values: Mapping[str, object]
+    ) -> SetParametersResult:
+        """What a node answers to new values for several parameters, all or none."""
+        request = SetParametersAtomically.Request()
+        request.parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        service = f"{node}/set_parameters_atomically"
+        return self.request(SetParametersAtomically, service, request).result
+
+    def change_state(self, node: str, transition: int | str) -> bool:
+        """Whether a transition of the life cycle, by its number or its label, succeeded."""
+        by = {"label" if isinstance(transition, str) else "id": transition}
+        request = ChangeState.Request(transition=Transition(**by))
+        return bool(self.request(ChangeState, f"{node}/change_state", request).success)
+
+    def state(self, node: str) -> str:
+        """The label of a node's state in its life cycle."""
+        response = self.request(GetState, f"{node}/get_state", GetState.Request())
+        return str(response.current_state.label)
+
+    def request(self, service_type: type, service: str, request: Any) -> Any:
+        """The response of any service."""
+        # To find a service takes longer than to call it.
+        if service not in self._services:
+            self._services[service] = self.node.create_client(service_type, service)
+        client = self._services[service]
+        self.wait_until(client.service_is_ready, f"service {service}")
+        future = client.call_async(request)
+        self.wait_until(future.done, f"the response of {service}")
+        return future.result()
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self.executor.shutdown(timeout_sec=0.0)
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def other_robots_model(tmp_path: Path) -> Path:
+    """A sound model file of a robot that is the gantry but for the names of its joints."""
+    model = onnx.load(default_model_path())
+    definition = copy.deepcopy(dict(load_artifact(default_model_path()).metadata.robot))
+    definition["name"] = "other"
+    for joint in definition["joints"]:
+        joint["name"] = f"other_{joint['name']}"
+    robot = robot_from_definition(definition, "the test's")
+    changed = {
+        "annik.robot": definition,
+        "annik.robot_hash": robot.definition_hash,
+        "annik.joint_names": list(robot.joint_names),
+    }
+    for entry in model.metadata_props:
+        if entry.key in changed:
+            entry.value = json.dumps(changed[entry.key])
+    path = tmp_path / "other.onnx"
+    onnx.save(model, path)
+    return path
+
+
+@pytest.fixture
+def domain() -> int:
+    """A ROS domain that no other test of this run uses at the same time."""
+    return next(_domains) % DOMAINS
+
+
+@pytest.fixture
+def launch(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """Start a node: ``launch(module, *ros_arguments)``; waits until it is ready if asked.
+
+    ``log``: where its output goes, if not into a file of the test. ``environment``: what to change
+    there.
+    """
+    processes: list[NodeProcess] = []
+
+    def start(
+        module: str,
+        *arguments: str,
+        ready: bool = True,
+        log: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> NodeProcess:
+        log = log or tmp_path / f"{len(processes)}_{module}.log"
+        process = NodeProcess(module, arguments, domain, log, environment)
+        processes.append(process)
+        if ready:
+            process.wait_for_line(READY_LINES[module])
+        return process
+
+    yield start
+    for process in processes:
+        process.kill()
+        print(f"--- {process.module} ---\n{process.log}")
+
+
+@pytest.fixture
+def make_client(domain: int) -> Iterator[Callable[..., Client]]:
+    """Make a client: ``make_client(namespace=..., targets=...)``."""
+    clients: list[Client] = []
+
+    def make(**arguments: str) -> Client:
+        clients.append(Client(domain, **arguments))
+        return clients[-1]
+
+    yield make
+    for client in clients:
+        client.close()
+
+
+@pytest.fixture
+def client(make_client: Callable[..., Client]) -> Client:
+    """A client in the root namespace."""
+    return make_client()

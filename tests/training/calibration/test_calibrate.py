@@ -1,0 +1,411 @@
+"""Learning a robot from measured poses, against an oracle that shares nothing with it. ROS-free.
+
+The truth is :mod:`imperfect_ur5e`, so what comes out is compared with the robot itself, not with
+measurements of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.imperfect_ur5e import (
+    NOISE,
+    PERFECT,
+    ImperfectUr5e,
+    distances,
+    measured,
+    measured_ur5e,
+    with_poses,
+)
+
+from annik_core.dataset import Dataset
+from annik_core.errors import AnnikError, NonFiniteValue, RobotMismatch
+from annik_core.pose import pose_distance
+from annik_core.robots.library import load_robot, robot_from_definition
+from annik_core.robots.robot import Robot
+from annik_training.calibration.calibrate import LearnedRobot, learn_robot, with_nominal
+from annik_training.calibration.errors import (
+    DegenerateExamples,
+    ImplausibleErrors,
+    MeasuredFitError,
+    TooFewMeasurements,
+    TooManyOutliers,
+    UnexplainedMeasurements,
+    UnsupportedRobot,
+)
+from annik_training.calibration.model import Part
+from annik_training.calibration.validation import (
+    REGIONS,
+    NotHeldOut,
+    NotLearned,
+    OtherRobotMeasured,
+    evaluate_measured,
+)
+from annik_training.cli.calibration_output import evaluation_summary, learned_summary
+from annik_training.cli.plots import before_and_after
+from annik_training.designs.registry import make_design
+
+TRUTH = ImperfectUr5e.drawn(1)
+UR5E = load_robot("ur5e")
+#: The simplest model, and what the truth needs.
+RIGID_AND_GEARS = (
+    frozenset({Part.GEOMETRY}),
+    frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}),
+)
+
+
+@contextmanager
+def few_evaluations() -> Iterator[None]:
+    """Two models to choose from, one start, and few evaluations."""
+    with pytest.MonkeyPatch.context() as patch:
+        module = "annik_training.calibration.calibrate"
+        patch.setattr(f"{module}.CANDIDATES", RIGID_AND_GEARS)
+        patch.setattr(f"{module}._STARTS", 1)
+        patch.setattr(f"{module}._EVALUATIONS", 40)
+        yield
+
+
+@pytest.fixture
+def quick() -> Iterator[None]:
+    with few_evaluations():
+        yield
+
+
+@pytest.fixture(scope="module")
+def learned() -> LearnedRobot:
+    """From as many examples as the paper has, nothing spared."""
+    return learn_robot(measured_ur5e(TRUTH, 102))
+
+
+@pytest.fixture(scope="module")
+def held_out() -> Dataset:
+    joint_positions = UR5E.joint_box.sample(400, np.random.default_rng(50))
+    return measured(UR5E, TRUTH.poses, joint_positions, seed=9)
+
+
+@pytest.fixture(scope="module")
+def from_fifty() -> LearnedRobot:
+    with few_evaluations():
+        return learn_robot(measured_ur5e(TRUTH, 50))
+
+
+class TestAccuracy:
+    """How far the learned robot is from the true one, anywhere in the working box."""
+
+    def test_the_oracle_is_the_nominal_robot_where_nothing_is_wrong(self) -> None:
+        assert distances(UR5E, PERFECT.poses, 100).max() < 1e-12
+        joint_positions = UR5E.joint_box.sample(20, np.random.default_rng(0))
+        poses = UR5E.forward_kinematics.poses(joint_positions)
+        assert pose_distance(poses, PERFECT.poses(joint_positions))[1].max() < 1e-12
+        assert distances(UR5E, TRUTH.poses, 100).mean() > 2e-3
+
+    def test_of_102_examples(self, learned: LearnedRobot) -> None:
+        away = distances(learned.robot, TRUTH.poses, 2000)
+        assert away.mean() <= 2e-5
+        assert away.max() <= 1e-4
+        assert learned.fitted.model.parts == {Part.GEOMETRY, Part.JOINT_NETWORKS}
+        assert not learned.outliers.any()
+
+    def test_of_50_examples(self, from_fifty: LearnedRobot) -> None:
+        away = distances(from_fifty.robot, TRUTH.poses, 2000)
+        assert away.mean() <= 3e-5
+        assert away.max() <= 1.5e-4
+
+    @pytest.mark.usefixtures("quick")
+    def test_of_positions_alone(self) -> None:
+        """Whatever the quaternions say."""
+        dataset = measured_ur5e(TRUTH, 50)
+        poses = dataset.poses.copy()
+        poses[:, 3:] = [0.0, 0.0, 0.0, 1.0]
+        found = learn_robot(with_poses(dataset, poses), position_only=True)
+        away = distances(found.robot, TRUTH.poses, 1000)
+        assert away.mean() <= 4e-5
+        assert found.provenance["position_only"] is True
+        assert "wrist_3_joint: zero" in found.unidentified
+
+    @pytest.mark.usefixtures("quick")
+    def test_of_a_robot_that_is_as_described(self) -> None:
+        found = learn_robot(measured_ur5e(PERFECT, 40))
+        assert found.fitted.model.parts == {Part.GEOMETRY}
+        assert distances(found.robot, PERFECT.poses, 500).mean() <= 2e-5
+        assert np.abs(found.fitted.parameters).max() < 0.3
+
+    @pytest.mark.usefixtures("quick")
+    @pytest.mark.parametrize("stated", [(0.0, 0.0), None])
+    def test_of_exact_measurements_of_it(self, stated: tuple[float, float] | None) -> None:
+        """Where nothing is left, rounding is no outlier."""
+        found = learn_robot(measured_ur5e(PERFECT, 30, noise=(0.0, 0.0), stated=stated))
+        assert not found.outliers.any()
+        assert distances(found.robot, PERFECT.poses, 500).max() <= 1e-9
+        assert all(0.0 < bound < 1e-5 for bound in found.robot.error_bound.at(np.zeros(6)))
+
+    @pytest.mark.usefixtures("quick")
+    def test_of_exact_measurements_of_an_imperfect_one(self) -> None:
+        """What its networks can't say is no outlier, or next to none is."""
+        found = learn_robot(measured_ur5e(TRUTH, 30, noise=(0.0, 0.0), stated=(0.0, 0.0)))
+        assert found.outliers.sum() <= 1
+        assert distances(found.robot, TRUTH.poses, 500).mean() <= 5e-6
+
+    @pytest.mark.usefixtures("quick")
+    def test_the_noise_need_not_be_known(self) -> None:
+        found = learn_robot(measured_ur5e(TRUTH, 30, stated=None))
+        assert distances(found.robot, TRUTH.poses, 1000).mean() <= 4e-5
+        noise = found.fitted.noise
+        assert (noise.position, noise.orientation) == pytest.approx(NOISE, rel=0.3)
+
+    @pytest.mark.slow
+    def test_a_deflection_takes_the_pose_network(self) -> None:
+        """The arm's weight turns its shoulder: no joint's correction is a function of itself."""
+        truth = replace(TRUTH, sag=6e-4)
+        moved = np.linalg.norm(
+            truth.matrices(learned_box(200))[:, :3, 3]
+            - TRUTH.matrices(learned_box(200))[:, :3, 3],
+            axis=1,
+        )
+        assert moved.mean() == pytest.approx(3e-4, rel=0.2)
+        with pytest.MonkeyPatch.context() as patch:
+            parts = (*RIGID_AND_GEARS[1:], frozenset(Part))
+            patch.setattr("annik_training.calibration.calibrate.CANDIDATES", parts)
+            patch.setattr("annik_training.calibration.calibrate._STARTS", 1)
+            found = learn_robot(measured_ur5e(truth, 102))
+        assert Part.POSE_NETWORK in found.fitted.model.parts
+        assert distances(found.robot, truth.poses, 1000).mean() <= 8e-5
+
+
+def learned_box(count: int) -> np.ndarray:
+    return UR5E.joint_box.sample(count, np.random.default_rng(4))
+
+
+class TestWhatIsSaid:
+    """What else is known of a learned robot."""
+
+    @pytest.mark.usefixtures("quick")
+    def test_the_same_seed_gives_the_same_bits(self, from_fifty: LearnedRobot) -> None:
+        again = learn_robot(measured_ur5e(TRUTH, 50))
+        assert np.array_equal(again.fitted.parameters, from_fifty.fitted.parameters)
+        assert again.robot.definition_hash == from_fifty.robot.definition_hash
+
+    def test_the_definition_carries_it(self, learned: LearnedRobot) -> None:
+        robot = robot_from_definition(learned.robot.definition, "again")
+        assert robot.definition_hash == learned.robot.definition_hash
+        provenance = robot.definition["corrections"]["provenance"]
+        assert provenance["examples"] == 102
+        assert provenance["parts"] == ["geometry", "joint networks"]
+        assert provenance["dataset_hash"] == learned.dataset.content_hash
+        assert provenance["outliers"] == []
+
+    def test_of_parallel_axes_the_offsets_stay_unknown(self, learned: LearnedRobot) -> None:
+        """But for one, which their sum tells: all three share it."""
+        assert learned.unidentified == tuple(
+            f"{joint}: offset along the axis"
+            for joint in ("shoulder_lift_joint", "elbow_joint", "wrist_1_joint")
+        )
+
+    def test_candidates_are_judged_by_what_they_did_not_see(self, learned: LearnedRobot) -> None:
+        assert [candidate.parameters for candidate in learned.candidates] == [26, 35, 98, 107, 185]
+        rigid, _, gears, *_ = learned.candidates
+        assert gears.score == pytest.approx(1.1, abs=0.2)
+        assert rigid.score > 100.0 * gears.score
+        summary = learned_summary(learned)
+        assert summary["candidates"][2]["parts"] == ["geometry", "joint networks"]
+        assert summary["robot"] == "ur5e"
+
+    def test_the_error_bound_holds_for_95_of_100_poses_or_so(self, learned: LearnedRobot) -> None:
+        robot = learned.robot
+        joint_positions = learned_box(1000)
+        bounds = np.array([robot.error_bound.at(row) for row in joint_positions])
+        errors = pose_distance(
+            TRUTH.poses(joint_positions), robot.forward_kinematics.poses(joint_positions)
+        )
+        for error, bound in zip(errors, bounds.T, strict=True):
+            assert 0.85 <= (error <= bound).mean() <= 1.0
+            # And it says something: it is not ten times too large.
+            assert bound.mean() < 5.0 * np.quantile(error, 0.95)
+
+
+@pytest.mark.usefixtures("quick")
+def test_gross_outliers_are_found_and_do_no_harm(from_fifty: LearnedRobot) -> None:
+    """A reflection, a marker that slipped, another row's orientation."""
+    poses = from_fifty.dataset.poses.copy()
+    poses[7, :3] += [0.003, -0.002, 0.001]
+    poses[22, :3] += [0.0, 0.2, 0.0]
+    poses[41, 3:] = poses[40, 3:]
+    found = learn_robot(with_poses(from_fifty.dataset, poses))
+    assert np.flatnonzero(found.outliers).tolist() == [7, 22, 41]
+    assert found.provenance["outliers"] == [7, 22, 41]
+    ours, theirs = (distances(one.robot, TRUTH.poses, 1000).mean() for one in (found, from_fifty))
+    assert ours == pytest.approx(theirs, rel=0.2)
+
+
+@pytest.mark.usefixtures("quick")
+class TestRefusals:
+    """What no robot can be learned from, and what is said of it."""
+
+    @pytest.mark.parametrize("joint", [0, 2, 5])
+    def test_a_joint_that_was_not_moved_is_named(self, joint: int) -> None:
+        joint_positions = make_design("sobol", UR5E, 30, 0)
+        joint_positions[:, joint] = joint_positions[0, joint]
+        with pytest.raises(DegenerateExamples) as caught:
+            learn_robot(measured(UR5E, TRUTH.poses, joint_positions))
+        assert caught.value.joints == (UR5E.joint_names[joint],)
+        assert f"which {UR5E.joint_names[joint]} is moved" in str(caught.value)
+
+    @pytest.mark.parametrize(("position_only", "least"), [(False, 9), (True, 18)])
+    def test_too_few(self, position_only: bool, least: int) -> None:
+        with pytest.raises(
+            TooFewMeasurements, match=f"measure at least {least}, better"
+        ) as caught:
+            learn_robot(measured_ur5e(TRUTH, least - 1), position_only=position_only)
+        assert (caught.value.examples, caught.value.least) == (least - 1, least)
+
+    def test_rows_that_do_not_belong_together(self) -> None:
+        dataset = measured_ur5e(TRUTH, 20)
+        order = np.random.default_rng(0).permutation(20)
+        with pytest.raises((TooManyOutliers, UnexplainedMeasurements), match="belong together"):
+            learn_robot(with_poses(dataset, dataset.poses[order]))
+
+    def test_poses_that_only_another_robot_explains(self) -> None:
+        longer = replace(TRUTH, lengths=TRUTH.lengths + np.array([0.0, 0.1, 0, 0, 0, 0]))
+        with pytest.raises(ImplausibleErrors, match=r"shoulder_lift.*length.*mm") as caught:
+            learn_robot(measured_ur5e(longer, 30))
+        assert caught.value.names == ("shoulder_lift_joint: length of the link after it",)
+
+    def test_a_probe_at_the_flange_is_learned(self) -> None:
+        """It need not be in the description."""
+        dataset = measured_ur5e(TRUTH, 40)
+        poses = dataset.poses.copy()
+        poses[:, :3] += Rotation.from_quat(poses[:, 3:]).apply([0.05, 0.0, 0.12])
+        found = learn_robot(with_poses(dataset, poses))
+        joint_positions = learned_box(200)
+        flange = TRUTH.matrices(joint_positions)
+        probe = flange[:, :3, 3] + flange[:, :3, :3] @ [0.05, 0.0, 0.12]
+        model = found.robot.forward_kinematics.poses(joint_positions)
+        assert np.linalg.norm(model[:, :3] - probe, axis=1).mean() <= 4e-5
+
+    @pytest.mark.parametrize(
+        "spoil",
+        [
+            lambda poses: poses * [1e3, 1e3, 1e3, 1, 1, 1, 1],
+            lambda poses: poses[:, [0, 1, 2, 6, 3, 4, 5]],
+        ],
+        ids=["millimetres", "w first"],
+    )
+    def test_other_units_and_orders(self, spoil: object) -> None:
+        dataset = measured_ur5e(TRUTH, 30)
+        with pytest.raises((UnexplainedMeasurements, TooManyOutliers), match="check that"):
+            learn_robot(with_poses(dataset, spoil(dataset.poses)))
+
+    def test_what_is_no_number(self) -> None:
+        dataset = measured_ur5e(TRUTH, 30)
+        poses = dataset.poses.copy()
+        poses[4, 1] = np.nan
+        with pytest.raises(NonFiniteValue, match="row 4 of the poses"):
+            learn_robot(with_poses(dataset, poses))
+
+    def test_what_is_no_nominal_arm(self, gantry: Robot, learned: LearnedRobot) -> None:
+        dataset = measured_ur5e(TRUTH, 30)
+        for robot in (gantry, learned.robot):
+            with pytest.raises(UnsupportedRobot, match=robot.name):
+                learn_robot(replace(dataset, robot=robot))
+
+    def test_a_nominal_robot_with_other_joints_or_frames(self) -> None:
+        dataset = measured_ur5e(TRUTH, 10)
+        forearm = load_robot("ur5e", end_effector_frame="wrist_3_link")
+        for other in (load_robot("xarm6"), forearm):
+            with pytest.raises(RobotMismatch, match="the measured poses belongs to robot ur5e"):
+                with_nominal(dataset, other)
+        locked = load_robot("ur5e", joint_box={"wrist_3_joint": (0.25, 0.25)})
+        assert with_nominal(dataset, locked).robot is locked
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_locked_joint_is_no_obstacle() -> None:
+    """Of seven joints one is locked; another is an arm with a prismatic one."""
+    for name in ("iiwa14", "scara"):
+        robot = load_robot(name)
+        joint_positions = make_design("sobol", robot, 30, 0)
+        found = learn_robot(measured(robot, robot.forward_kinematics.poses, joint_positions))
+        assert distances(found.robot, robot.forward_kinematics.poses, 300).mean() <= 3e-5
+
+
+class TestEvaluation:
+    """Before and after, on poses that were not learned from."""
+
+    def test_says_what_became_better(self, learned: LearnedRobot, held_out: Dataset) -> None:
+        evaluation = evaluate_measured(learned.robot, held_out)
+        assert evaluation.before.distances.mean() > 2e-3
+        # Mostly the noise of three coordinates.
+        assert evaluation.after.distances.mean() == pytest.approx(1.6 * NOISE[0], rel=0.25)
+        assert all(0.85 <= part <= 1.0 for part in evaluation.within_bounds)
+
+    def test_regions_are_thirds_of_the_box(self, learned: LearnedRobot, held_out: Dataset) -> None:
+        evaluation = evaluate_measured(learned.robot, held_out)
+        assert len(evaluation.regions) == 6 * REGIONS
+        for joint in UR5E.joint_names:
+            rows = [region for region in evaluation.regions if region.joint == joint]
+            index = UR5E.joint_names.index(joint)
+            assert sum(row.examples for row in rows) == 400
+            assert rows[0].lower == UR5E.joint_box.lower[index]
+            assert rows[-1].upper == UR5E.joint_box.upper[index]
+            positions = held_out.joint_positions[:, index]
+            inside = (positions >= rows[1].lower) & (positions < rows[1].upper)
+            assert rows[1].examples == inside.sum()
+            assert rows[1].before == pytest.approx(evaluation.before.distances[inside].mean())
+            assert rows[1].after == pytest.approx(evaluation.after.distances[inside].mean())
+
+    def test_a_region_without_poses_is_none_in_json(
+        self, learned: LearnedRobot, held_out: Dataset
+    ) -> None:
+        lower = held_out.joint_positions[:, 0] < 0.0
+        summary = evaluation_summary(evaluate_measured(learned.robot, held_out.rows(lower)))
+        (row,) = [
+            row
+            for row in summary["regions"]
+            if row["joint"] == "shoulder_pan_joint" and row["examples"] == 0
+        ]
+        assert (row["before"], row["after"]) == (None, None)
+
+    def test_is_drawn(self, learned: LearnedRobot, held_out: Dataset) -> None:
+        """Also where a region is empty."""
+        for dataset in (held_out, held_out.rows(held_out.joint_positions[:, 0] < 0.0)):
+            png = before_and_after(evaluate_measured(learned.robot, dataset))
+            assert png.startswith(b"\x89PNG")
+
+    def test_refuses_what_it_was_learned_from(self, learned: LearnedRobot) -> None:
+        with pytest.raises(NotHeldOut, match="these 102 examples"):
+            evaluate_measured(learned.robot, learned.dataset)
+        # Also under another description of the robot.
+        other = load_robot("ur5e", joint_box={"wrist_3_joint": (0.0, 0.5)})
+        with pytest.raises(NotHeldOut):
+            evaluate_measured(learned.robot, replace(learned.dataset, robot=other))
+
+    def test_refuses_what_was_not_learned(self, held_out: Dataset) -> None:
+        with pytest.raises(NotLearned, match="ur5e as described, not as measured"):
+            evaluate_measured(UR5E, held_out)
+
+    def test_refuses_poses_of_another_robot(self, learned: LearnedRobot) -> None:
+        xarm = load_robot("xarm6")
+        joint_positions = xarm.joint_box.sample(5, np.random.default_rng(0))
+        dataset = measured(xarm, xarm.forward_kinematics.poses, joint_positions)
+        with pytest.raises(OtherRobotMeasured, match="xarm6, the model is for ur5e"):
+            evaluate_measured(learned.robot, dataset)
+
+    def test_takes_another_description_of_the_same_robot(
+        self, learned: LearnedRobot, held_out: Dataset
+    ) -> None:
+        """As after ``annik fit --nominal``."""
+        urdf = UR5E.definition["urdf"].replace("-0.425", "-0.4251")
+        assert urdf != UR5E.definition["urdf"]
+        other = robot_from_definition({**UR5E.definition, "urdf": urdf}, "other")
+        evaluation = evaluate_measured(learned.robot, replace(held_out, robot=other))
+        assert evaluation.after.distances.mean() < 5e-5
+
+    def test_errors_are_one_family(self) -> None:
+        for error in (NotHeldOut, NotLearned, OtherRobotMeasured, UnexplainedMeasurements):
+            assert issubclass(error, MeasuredFitError)
+        assert issubclass(MeasuredFitError, AnnikError)

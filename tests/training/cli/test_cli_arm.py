@@ -1,0 +1,349 @@
+"""The command line on arms, most of all on the URDF of one that annik does not know. ROS-free."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+from support.six_joint_arm import BASE, BOX, FLANGE, FRAMES, JOINT_BOX, JOINTS, URDF
+
+from annik_core.dataset import Dataset
+from annik_core.errors import AnnikError
+from annik_core.model.artifact import load_artifact
+from annik_core.robots.library import load_robot
+from annik_core.robots.robot import Robot
+from annik_training.cli.commands import ConflictingOptions, cli, main
+from annik_training.fitting.options import ARM_OPTIONS, FitOptions
+
+
+def invoke(*arguments: object) -> Result:
+    return CliRunner().invoke(cli, [str(argument) for argument in arguments])
+
+
+def words(text: str) -> str:
+    """The output without the line breaks and borders of a terminal."""
+    return " ".join(re.sub(r"[│┃]", " ", text).split())
+
+
+@pytest.fixture
+def few_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare the time of a large evaluation, where its numbers do not matter."""
+    monkeypatch.setattr("annik_training.train.EVALUATION_POSES", 200)
+
+
+@pytest.fixture
+def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The URDF in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text(URDF, encoding="utf-8")
+    return Path("arm.urdf")
+
+
+def test_an_arm_is_trained_from_its_urdf(arm_model: Path) -> None:
+    """Frames and box are those given; the summary and the output say what came of it."""
+    artifact = load_artifact(arm_model)
+    robot, metadata = artifact.robot, artifact.metadata
+    assert (robot.name, robot.kind, robot.joint_names) == ("bench_arm", "arm", JOINTS)
+    assert (robot.base_frame, robot.end_effector_frame) == (BASE, FLANGE)
+    bounds = np.stack([robot.joint_box.lower, robot.joint_box.upper], axis=1)
+    assert np.array_equal(bounds, list(BOX.values()))
+    assert "finger" not in robot.definition["urdf"]
+    # In the base frame: the stand below it has no part in the pose.
+    (pose,) = robot.forward_kinematics.poses(np.zeros((1, 6)))
+    assert pose == pytest.approx([0.83, 0.0, 0.4, 0.0, 0.0, 0.0, 1.0], abs=1e-12)
+    assert (metadata.design, metadata.examples, metadata.held_out_examples) == ("sobol", 64, 0)
+    assert metadata.encoding == "position_rotation_matrix"
+    options = replace(ARM_OPTIONS, hidden_units=(8,), max_evaluations=5, seed=3)
+    assert metadata.fit_options == options.as_plain_data()
+    summary = json.loads(arm_model.with_name("summary.json").read_text())
+    assert (summary["robot"], summary["second_solutions"]) == ("bench_arm", 0)
+    assert [restart["evaluations"] for restart in summary["restarts"]] == [5]
+    assert summary["evaluation"] == metadata.evaluation
+    assert metadata.evaluation["refined"]["success"] > 0.9
+    printed = words(arm_model.with_name("printed.txt").read_text())
+    assert "64 examples (0 held out to choose among 1 starts), " in printed
+    assert re.search(r"Refined: \d+\.\d\d % solved inside the working box, at most", printed)
+
+
+@pytest.mark.usefixtures("few_poses")
+def test_evaluate_measures_an_arm_and_draws_a_map(
+    arm_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("annik_training.cli.plots._DOTS_PER_INCH", 30)
+    plot = tmp_path / "new" / "map.png"
+    result = invoke("evaluate", arm_model, "--plot", plot)
+    assert result.exit_code == 0, result.output
+    assert "200 random poses, the network alone. Refined: " in words(result.output)
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_info_prints_what_the_model_of_an_arm_says_of_itself(arm_model: Path) -> None:
+    result = invoke("info", arm_model)
+    assert result.exit_code == 0, result.output
+    for entry in (*JOINTS, FLANGE, "optimiser", "lbfgs", "position_rotation_matrix"):
+        assert entry in result.output
+    assert "<robot" not in result.output
+
+
+def test_robot_shows_joints_frames_box_and_branches(arm: Path) -> None:
+    result = invoke("robot", arm, *FRAMES, *JOINT_BOX)
+    assert result.exit_code == 0, result.output
+    shown = words(result.output)
+    assert "swivel revolute -2.9 .. 2.9 -1 .. 1" in shown
+    assert f"frames: {BASE} to {FLANGE}; rad and m" in shown
+    assert "one branch: no singularity" in shown
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "said"),
+    [
+        ("arm.urdf", FRAMES, r"two branches or more: [\d.]+ % of the working box are beyond"),
+        ("ur5e", (), r"two branches or more: [345]\.\d % of the working box are beyond"),
+        ("scara", (), "4 joints move: poses in 4 dimensions only"),
+        ("panda", ("--joint-box", "panda_joint3=-1:1"), "7 joints move: .* Lock 1 by"),
+        ("panda", (), "one branch: no singularity"),
+        ("gantry", (), "one branch: every pose of the workspace has one solution"),
+    ],
+)
+def test_robot_says_whether_the_box_is_on_one_branch(
+    arm: Path, robot: str, options: tuple[str, ...], said: str
+) -> None:
+    result = invoke("robot", robot, *options)
+    assert result.exit_code == 0, result.output
+    assert re.search(said, words(result.output))
+
+
+@pytest.mark.parametrize("source", ["arm.urdf", "ur5e", "panda", "gantry"])
+def test_a_saved_definition_is_the_same_robot(arm: Path, source: str) -> None:
+    """The same hash, so that its models are one another's; and it needs no other file."""
+    options = (*FRAMES, *JOINT_BOX) if source == "arm.urdf" else ()
+    result = invoke("robot", source, *options, "--save", "saved/robot.yaml")
+    assert result.exit_code == 0, result.output
+    arm.unlink()
+    saved = load_robot(Path("saved/robot.yaml"))
+    if source == "arm.urdf":
+        known = load_robot(URDF, base_frame=BASE, end_effector_frame=FLANGE, joint_box={**BOX})
+    else:
+        known = load_robot(source)
+    assert saved.definition_hash == known.definition_hash
+    assert invoke("robot", "saved/robot.yaml", "--save", "again.yaml").exit_code == 0
+    assert Path("again.yaml").read_text() == Path("saved/robot.yaml").read_text()
+    assert "urdf_file" not in yaml.safe_load(Path("again.yaml").read_text())
+
+
+def test_a_saved_definition_can_be_given_another_box(arm: Path) -> None:
+    """``JOINT=VALUE`` locks; the frames need not be said again, and may be by others."""
+    assert invoke("robot", arm, *FRAMES, *JOINT_BOX, "--save", "arm.yaml").exit_code == 0
+    result = invoke("robot", "arm.yaml", "--joint-box", "roll=0.25", "--save", "locked.yaml")
+    assert result.exit_code == 0, result.output
+    assert "5 joints move" in words(result.output)
+    box = {**BOX, "roll": (0.25, 0.25)}
+    expected = load_robot(URDF, base_frame=BASE, end_effector_frame=FLANGE, joint_box=box)
+    assert load_robot(Path("locked.yaml")).definition_hash == expected.definition_hash
+    short = invoke("robot", "arm.yaml", "--end-effector-frame", "knuckle")
+    assert short.exit_code == 0, short.output
+    assert "turn" not in short.output
+
+
+def test_design_checks_and_draws_an_arm(arm: Path) -> None:
+    """Sobol unless said otherwise; a dataset is written too."""
+    result = invoke(
+        *("design", "--robot", arm, *FRAMES, *JOINT_BOX, "--joint-box", "roll=0.5"),
+        *("--check", "--plot", "pairs.png", "--out", "d.npz"),
+    )
+    assert result.exit_code == 0, result.output
+    assert "sobol: --examples is 512, the default" in result.output
+    assert "sobol: 512 examples for bench_arm" in words(result.output)
+    assert Path("pairs.png").read_bytes().startswith(b"\x89PNG")
+    numbers = json.loads(Path("pairs.json").read_text())
+    # Constant, 5 joints that move, 5 squares, 10 products.
+    assert (numbers["linear"]["rank"], numbers["quadratic"]["rank"]) == (6, 21)
+    with np.load("d.npz") as archive:
+        assert archive["joint_positions"].shape == (512, 6)
+        assert (archive["joint_positions"][:, 3] == 0.5).all()
+
+
+@pytest.mark.usefixtures("few_poses")
+def test_a_dataset_of_an_arm_is_trained_on(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the way of an arm, and neither frames nor box can be said beside it."""
+    asked: list[tuple[Dataset, FitOptions]] = []
+
+    def train(dataset: Dataset, path: Path, options: FitOptions, on_restart: object) -> None:
+        asked.append((dataset, options))
+        raise AnnikError("enough")
+
+    monkeypatch.setattr("annik_training.train.train", train)
+    made = invoke(
+        *("design", "sobol", "--examples", 16, "--robot", arm, *FRAMES, *JOINT_BOX),
+        *("--out", "d.npz"),
+    )
+    assert made.exit_code == 0, made.output
+    invoke("train", "--dataset", "d.npz", "--out", "m.onnx")
+    ((dataset, options),) = asked
+    assert (dataset.robot.name, len(dataset), options) == ("bench_arm", 16, ARM_OPTIONS)
+    for option in (FRAMES[:2], FRAMES[2:], JOINT_BOX[:2]):
+        result = invoke("train", "--dataset", "d.npz", *option, "--out", "m.onnx")
+        assert isinstance(result.exception, ConflictingOptions)
+        assert option[0] in str(result.exception)
+    assert len(asked) == 1
+
+
+def test_defaults_are_those_of_the_kind_of_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Design, size and fit; what is said goes before. Nothing is trained here."""
+    asked: list[tuple[Robot, str, int, FitOptions]] = []
+
+    def train(dataset: Dataset, path: Path, options: FitOptions, on_restart: object) -> None:
+        asked.append((dataset.robot, dataset.design, len(dataset), options))
+        raise AnnikError("enough")
+
+    monkeypatch.setattr("annik_training.train.train", train)
+    for arguments in (
+        (),
+        ("--robot", "ur5e"),
+        ("--robot", "ur5e", "--examples", 9, "--restarts", 2, "--no-linear-path"),
+        ("--robot", "ur5e", "--design", "sobol", "--sobolev", 0),
+        (
+            *("--robot", "scara", "--optimiser", "levenberg_marquardt", "--bayesian"),
+            *("--held-out", 0.1, "--design", "thirty_phase", "--steps", 2),
+        ),
+        ("--robot", "gantry", "--optimiser", "lbfgs", "--hidden", "6,6"),
+    ):
+        invoke("train", *arguments, "--out", "m.onnx")
+    names = [(robot.name, design, count) for robot, design, count, _ in asked]
+    assert names[:4] == [
+        ("gantry", "thirty_phase", 179),
+        ("ur5e", "sobol", 512),
+        ("ur5e", "sobol", 9),
+        ("ur5e", "sobol", 100),
+    ]
+    assert names[4][:2] == ("scara", "thirty_phase")
+    assert [options for *_, options in asked] == [
+        FitOptions(),
+        ARM_OPTIONS,
+        replace(ARM_OPTIONS, restarts=2, linear_path=False),
+        replace(ARM_OPTIONS, slope_weight=0.0),
+        replace(
+            ARM_OPTIONS,
+            optimiser="levenberg_marquardt",
+            bayesian_regularisation=True,
+            held_out_fraction=0.1,
+        ),
+        FitOptions(optimiser="lbfgs", hidden_units=(6, 6)),
+    ]
+
+
+#: The arm, spoiled.
+_NO_LIMIT = re.sub(r'<limit lower="-2.9" upper="2.9"[^>]*/>', "", URDF, count=1)
+_HALF_LIMIT = URDF.replace('<limit lower="-2.9" ', "<limit ", 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "complaint"),
+    [
+        (_NO_LIMIT, FRAMES, "joint 'swivel' is revolute and has no lower limit: add <limit"),
+        (_HALF_LIMIT, FRAMES, "joint 'swivel' is revolute and has no lower limit"),
+        (URDF, ("--base-frame", "floor"), "base_frame 'floor' is not a link of the URDF; its"),
+        (URDF, ("--end-effector-frame", "tip"), "end_effector_frame 'tip' is not a link"),
+        (URDF, ("--base-frame", FLANGE, "--end-effector-frame", BASE), "does not hang on"),
+        (URDF, ("--end-effector-frame", "right_finger"), "joint 'follow' mimics joint 'grip'"),
+        (URDF, (), "give end_effector_frame, one of its links, such as left_finger, right"),
+        (URDF, ("--end-effector-frame", BASE), "nothing moves between base_frame"),
+        (URDF[:-40], FRAMES, "not XML"),
+        ("", FRAMES, "not XML"),
+        ("<sdf/>", FRAMES, "its outermost element is <sdf>"),
+        (URDF.replace("<robot", "<robot xmlns:xacro='x'><xacro:arg/></robot><robot"), (), "XML"),
+        (URDF, (*FRAMES, "--joint-box", "swivel"), "'swivel' is not of the form JOINT=LOWER:UPP"),
+        (URDF, (*FRAMES, "--joint-box", "swivel="), "is not of the form"),
+        (URDF, (*FRAMES, "--joint-box", "swivel=a:b"), "is not of the form"),
+        (URDF, (*FRAMES, "--joint-box", "swivel=0:1:2"), "is not of the form"),
+        (URDF, (*FRAMES, "--joint-box", "=0:1"), "is not of the form"),
+        (URDF, (*FRAMES, "--joint-box", ""), "is not of the form"),
+        (URDF, (*FRAMES, "--joint-box", "grip=0:0.01"), "'grip', which is no joint of the chain"),
+        (URDF, (*FRAMES, "--joint-box", "swivel=1:0"), "joint_box of swivel is [1.0, 0.0], not"),
+        (URDF, (*FRAMES, "--joint-box", "swivel=-3:3"), "not inside its limits [-2.9, 2.9]"),
+        (URDF, (*FRAMES, "--joint-box", "swivel=nan:1"), "is nan: not finite"),
+        (URDF, (*FRAMES, "--joint-box", "swivel=0:inf"), "is inf: not finite"),
+        (
+            URDF,
+            (*FRAMES, *(part for joint in JOINTS for part in ("--joint-box", f"{joint}=0"))),
+            "locks every joint",
+        ),
+    ],
+)
+@pytest.mark.parametrize("command", ["train", "robot"])
+def test_a_bad_urdf_or_box_is_one_line_and_exit_code_1(
+    arm: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    text: str,
+    options: tuple[str, ...],
+    complaint: str,
+) -> None:
+    """Nothing is written, and the file is named where it is at fault."""
+    arm.write_text(text, encoding="utf-8")
+    arguments = ("train", "--robot", "arm.urdf") if command == "train" else ("robot", "arm.urdf")
+    output = "--out" if command == "train" else "--save"
+    monkeypatch.setattr(sys, "argv", ["annik", *arguments, *options, output, "made"])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert caught.value.code == 1
+    assert line.startswith("annik: ")
+    assert complaint in line
+    assert "form" in line or "arm.urdf" in line
+    assert [path.name for path in Path().iterdir()] == ["arm.urdf"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("robot", "gantry", "--joint-box", "x_drive_joint=0.4:0.5"), "for an arm only"),
+        (("design", "--robot", "gantry", "--base-frame", "base_link"), "for an arm only"),
+        (("robot", "none.urdf"), "no robot 'none.urdf'"),
+        (("robot", "octopus"), "no robot 'octopus'"),
+        (("robot", "ur5e", "--save", "arm.urdf/x.yaml"), "can't be written"),
+        (
+            ("train", "--robot", "ur5e", "--bayesian", "--out", "m.onnx"),
+            "levenberg_marquardt only",
+        ),
+        (("evaluate", "arm.urdf"), "not an ONNX file"),
+        (("info", "arm.urdf"), "not an ONNX file"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line_and_exit_code_1(
+    arm: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    complaint: str,
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["annik", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert caught.value.code == 1
+    assert line.startswith("annik: ")
+    assert complaint in line
+    assert [path.name for path in Path().iterdir()] == ["arm.urdf"]
+
+
+def test_without_pinocchio_the_remedy_is_named(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one line; the gantry does not need it."""
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    monkeypatch.setattr(sys, "argv", ["annik", "robot", "arm.urdf", *FRAMES])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert caught.value.code == 1
+    assert line.startswith("annik: the kinematics of arms needs pinocchio: pip install pin")
+    assert invoke("robot", "gantry").exit_code == 0

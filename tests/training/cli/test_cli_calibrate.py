@@ -1,0 +1,312 @@
+"""``annik fit --measured`` and ``annik evaluate --measured``, from poses to a model. ROS-free."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from click.testing import CliRunner, Result
+from support.imperfect_ur5e import ImperfectUr5e, measured, measured_ur5e
+
+from annik_core.dataset import save_dataset
+from annik_core.errors import InvalidArtifactMetadata, RobotMismatch
+from annik_core.model.artifact import load_artifact
+from annik_core.robots.library import load_robot
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.result import IkStatus
+from annik_training.calibration.errors import NotMeasured
+from annik_training.calibration.model import Part
+from annik_training.cli.commands import cli, main
+from annik_training.designs.sampling import compute_dataset
+
+TRUTH = ImperfectUr5e.drawn(1)
+UR5E = load_robot("ur5e")
+EXAMPLES = 40
+
+
+def invoke(*arguments: object) -> Result:
+    return CliRunner().invoke(cli, [str(argument) for argument in arguments])
+
+
+def words(text: str) -> str:
+    """The output without the line breaks and borders of a terminal."""
+    return " ".join(re.sub(r"[│┃]", " ", text).split())
+
+
+@contextmanager
+def spared() -> Iterator[None]:
+    """Neither models that this robot does not need, nor a well trained network."""
+    from annik_training.fitting.options import ARM_OPTIONS, FitOptions
+
+    with pytest.MonkeyPatch.context() as patch:
+        gears = frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS})
+        patch.setattr(
+            "annik_training.calibration.calibrate.CANDIDATES",
+            (gears - {Part.JOINT_NETWORKS}, gears),
+        )
+        patch.setattr("annik_training.calibration.calibrate._STARTS", 1)
+        patch.setattr("annik_training.calibration.calibrate._EVALUATIONS", 40)
+        patch.setattr("annik_training.train.EVALUATION_POSES", 100)
+
+        def options(kind: str) -> FitOptions:
+            return replace(ARM_OPTIONS, hidden_units=(8,), max_evaluations=5)
+
+        patch.setattr("annik_training.fitting.options.default_options", options)
+        yield
+
+
+@dataclass(frozen=True)
+class Made:
+    """What the command was given, and what it wrote and printed."""
+
+    measured: Path
+    held_out: Path
+    model: Path
+    summary: dict[str, Any]
+    printed: str
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """With an outlier among the examples."""
+    folder = tmp_path_factory.mktemp("measured")
+    dataset = measured_ur5e(TRUTH, EXAMPLES)
+    dataset.poses[11, 1] += 0.01
+    save_dataset(dataset, folder / "measured.npz")
+    joint_positions = UR5E.joint_box.sample(100, np.random.default_rng(1))
+    save_dataset(measured(UR5E, TRUTH.poses, joint_positions, seed=5), folder / "held_out.npz")
+    with spared():
+        result = invoke(
+            *("fit", "--measured", folder / "measured.npz", "--examples", 64, "--seed", 2),
+            *("--out", folder / "learned.onnx", "--summary", folder / "summary.json"),
+        )
+    assert result.exit_code == 0, result.output
+    return Made(
+        folder / "measured.npz",
+        folder / "held_out.npz",
+        folder / "learned.onnx",
+        json.loads((folder / "summary.json").read_text()),
+        words(result.output),
+    )
+
+
+class TestFit:
+    """The model file that comes of measured poses."""
+
+    def test_carries_the_learned_robot(self, made: Made) -> None:
+        robot = load_artifact(made.model).robot
+        joint_positions = UR5E.joint_box.sample(300, np.random.default_rng(7))
+        away = np.linalg.norm(
+            robot.forward_kinematics.poses(joint_positions)[:, :3]
+            - TRUTH.poses(joint_positions)[:, :3],
+            axis=1,
+        )
+        assert away.mean() <= 4e-5
+        provenance = robot.definition["corrections"]["provenance"]
+        assert (provenance["examples"], provenance["outliers"]) == (EXAMPLES, [11])
+        assert robot.error_bound is not None
+
+    def test_answers_with_the_learned_robot(self, made: Made) -> None:
+        """The true robot is where it was told to be, but for what is not known of it."""
+        solver = IkSolver(load_artifact(made.model))
+        share = np.random.default_rng(0).uniform(0.2, 0.8, (20, 6))
+        box = UR5E.joint_box
+        targets = UR5E.forward_kinematics.poses(box.lower + share * (box.upper - box.lower))
+        answered = 0
+        for target in targets:
+            result = solver.solve(target)
+            if result.status is not IkStatus.SUCCESS:
+                continue
+            answered += 1
+            (reached,) = TRUTH.poses(result.joint_positions[np.newaxis])
+            assert np.linalg.norm(reached[:3] - target[:3]) <= 3e-4
+            assert box.contains(result.joint_positions)
+        assert answered >= 15
+
+    def test_says_what_was_learned(self, made: Made) -> None:
+        assert "40 measured poses of ur5e, 1 outliers left out" in made.printed
+        assert "outliers, by their row in the dataset: 11" in made.printed
+        assert "geometry, joint networks" in made.printed
+        assert made.summary["parts"] == ["geometry", "joint networks"]
+        assert made.summary["outliers"] == [11]
+        assert made.summary["seed"] == 2
+        assert made.summary["position_only"] is False
+        assert len(made.summary["candidates"]) == 2
+        assert "elbow_joint: offset along the axis" in made.summary["unidentified"]
+
+    def test_info_shows_the_model(self, made: Made) -> None:
+        result = invoke("info", made.model)
+        assert result.exit_code == 0, result.output
+        assert "<robot" not in result.output
+
+    def test_of_positions_alone(
+        self, made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The flag arrives at the fit; which is not made here."""
+        asked: list[dict[str, Any]] = []
+
+        def learn_robot(dataset: object, seed: int, **options: Any) -> None:
+            asked.append({"seed": seed, **options})
+            raise RobotMismatch("enough", "a", "b")
+
+        monkeypatch.setattr("annik_training.calibration.calibrate.learn_robot", learn_robot)
+        arguments = ("fit", "--measured", made.measured, "--seed", 4, "--out", tmp_path / "m.onnx")
+        invoke(*arguments, "--position-only")
+        invoke(*arguments)
+        assert asked == [
+            {"seed": 4, "position_only": True},
+            {"seed": 4, "position_only": False},
+        ]
+
+
+class TestTampering:
+    """Corrections in a model file are part of what the robot's hash is about."""
+
+    @pytest.mark.parametrize(
+        ("entry", "value", "problem"),
+        [
+            ("placements", [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 7, "robot_hash"),
+            ("placements", [[0.0] * 7] * 7, "corrections.placements are not"),
+            ("placements", None, "corrections.placements: text"),
+            ("joint_networks", None, "robot_hash"),
+            ("joint_networks", {}, "corrections.joint_networks.biases is missing"),
+            ("error_bound", None, "robot_hash"),
+            ("provenance", {"examples": 1000}, "robot_hash"),
+            ("more", 1, "corrections.more is not one of"),
+        ],
+    )
+    def test_is_refused(
+        self, made: Made, tmp_path: Path, entry: str, value: Any, problem: str
+    ) -> None:
+        model = onnx.load(made.model)
+        for prop in model.metadata_props:
+            if prop.key == "annik.robot":
+                definition = json.loads(prop.value)
+                definition["corrections"][entry] = value
+                prop.value = json.dumps(definition)
+        onnx.save(model, tmp_path / "tampered.onnx")
+        with pytest.raises(InvalidArtifactMetadata, match=problem):
+            load_artifact(tmp_path / "tampered.onnx")
+
+    def test_as_described_and_as_learned_it_is_one_robot(self, made: Made) -> None:
+        """So that a node takes either in place of the other; but none of another arm."""
+        learned = load_artifact(made.model, expected_robot=UR5E).robot
+        assert learned.nominal_hash == UR5E.definition_hash != learned.definition_hash
+        with pytest.raises(RobotMismatch, match="ur5e"):
+            load_artifact(made.model, expected_robot=load_artifact("panda").robot)
+
+
+class TestEvaluate:
+    """Before and after."""
+
+    def test_prints_and_writes_both(self, made: Made, tmp_path: Path) -> None:
+        summary, plot = tmp_path / "new" / "errors.json", tmp_path / "new" / "errors.png"
+        result = invoke(
+            *("evaluate", made.model, "--measured", made.held_out),
+            *("--summary", summary, "--plot", plot),
+        )
+        assert result.exit_code == 0, result.output
+        shown = words(result.output)
+        assert "nominal, position [mm]" in shown
+        assert "100 held-out poses" in shown
+        assert plot.read_bytes().startswith(b"\x89PNG")
+        errors = json.loads(summary.read_text())
+        assert errors["poses"] == 100
+        assert errors["nominal"]["mean_position_error"] > 2e-3
+        assert errors["learned"]["mean_position_error"] < 6e-5
+        assert 0.7 <= errors["positions_within_bound"] <= 1.0
+        assert len(errors["regions"]) == 18
+
+    def test_summary_is_json_to_any_parser(self, made: Made, tmp_path: Path) -> None:
+        """A region without poses has no error; NaN is no JSON."""
+        joint_positions = UR5E.joint_box.sample(10, np.random.default_rng(1))
+        joint_positions[:, 0] = np.abs(joint_positions[:, 0])
+        some = measured(UR5E, TRUTH.poses, joint_positions)
+        save_dataset(some, tmp_path / "some.npz")
+        result = invoke(
+            *("evaluate", made.model, "--measured", tmp_path / "some.npz"),
+            *("--summary", tmp_path / "errors.json"),
+        )
+        assert result.exit_code == 0, result.output
+        assert "NaN" not in (tmp_path / "errors.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("fit", "--measured", "MEASURED", "--out", "file/m.onnx"), "can't be written"),
+        (
+            ("fit", "--measured", "MEASURED", "--out", "m.onnx", "--summary", "file/s.json"),
+            "can't be written",
+        ),
+        (("fit", "--measured", "none.npz", "--out", "m.onnx"), "no such file"),
+        (("fit", "--measured", "file", "--out", "m.onnx"), "not a dataset"),
+        (("fit", "--measured", "MODEL", "--out", "m.onnx"), "not a dataset"),
+        (
+            ("fit", "--measured", "MEASURED", "--nominal", "xarm6", "--out", "m.onnx"),
+            "the measured poses belongs to robot ur5e",
+        ),
+        (("fit", "--measured", "MEASURED", "--nominal", "robby", "--out", "m.onnx"), "no robot"),
+        (("fit", "--measured", "MEASURED", "--nominal", "a.urdf", "--out", "m.onnx"), "no robot"),
+        (("fit", "--measured", "FEW", "--out", "m.onnx"), "5 measured poses can't tell"),
+        (("evaluate", "MODEL", "--measured", "MEASURED"), "learned from these 40 examples"),
+        (("evaluate", "ur5e", "--measured", "MEASURED"), "ur5e as described, not as measured"),
+        (("evaluate", "gantry", "--measured", "MEASURED"), "gantry as described, not as measured"),
+        (("evaluate", "MODEL", "--measured", "XARM"), "measured on xarm6, the model is for ur5e"),
+        (("evaluate", "MODEL", "--measured", "none.npz"), "no such file"),
+        (("evaluate", "MODEL", "--summary", "s.json"), "--summary needs --measured"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line_and_exit_code_1(
+    made: Made,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    complaint: str,
+) -> None:
+    """Found out before anything is fitted, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    if "FEW" not in arguments:
+        monkeypatch.setattr("annik_training.calibration.calibrate.learn_robot", None)
+    Path("file").write_text("neither a folder nor a dataset", encoding="utf-8")
+    files = {"MEASURED": made.measured, "MODEL": made.model, "FEW": "few.npz", "XARM": "xarm.npz"}
+    if "FEW" in arguments:
+        save_dataset(measured_ur5e(TRUTH, 5), Path("few.npz"))
+    if "XARM" in arguments:
+        xarm = load_robot("xarm6")
+        joint_positions = xarm.joint_box.sample(5, np.random.default_rng(0))
+        dataset = measured(xarm, xarm.forward_kinematics.poses, joint_positions)
+        save_dataset(dataset, Path("xarm.npz"))
+    before = sorted(path.name for path in Path().iterdir())
+    given = [str(files.get(argument, argument)) for argument in arguments]
+    monkeypatch.setattr(sys, "argv", ["annik", *given])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert caught.value.code == 1
+    assert line.startswith("annik: ")
+    assert complaint in line
+    assert sorted(path.name for path in Path().iterdir()) == before
+
+
+@pytest.mark.parametrize("command", [("fit", "--out", "m.onnx"), ("evaluate", "ur5e")])
+def test_a_plan_is_no_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    """Its poses would make a nominal robot one that was measured, and to next to nothing."""
+    monkeypatch.chdir(tmp_path)
+    save_dataset(compute_dataset(UR5E, "sobol", 20, 0), Path("plan.npz"))
+    result = invoke(*command, "--measured", "plan.npz")
+    assert isinstance(result.exception, NotMeasured)
+    assert "plan.npz were computed, not measured" in str(result.exception)
+    assert not Path("m.onnx").exists()

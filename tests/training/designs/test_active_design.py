@@ -1,0 +1,93 @@
+"""The adaptive design: few examples where the networks agree, more where they don't. ROS-free."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+
+from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
+from annik_core.robots.joint_limits import JointLimits
+from annik_core.robots.robot import Robot
+from annik_training.designs.active_design import MAX_EXAMPLES, _spread_out
+from annik_training.designs.registry import make_design
+from annik_training.designs.sampling_designs import random_design, sobol_design
+from benchmarks.systems.elbow_arm import ElbowArm
+from benchmarks.systems.function_system import FunctionSystem
+
+
+def function_of(dof: int) -> FunctionSystem:
+    """The sum of the joints: what is learned matters little to these tests."""
+    names = tuple(f"q{number}" for number in range(dof))
+    box = JointLimits(names, np.full(dof, -0.5), np.linspace(0.5, 2.0, dof))
+    return FunctionSystem(
+        "sum",
+        box,
+        (np.array([-10.0]), np.array([10.0])),
+        lambda q: q.sum(axis=1, keepdims=True),
+        lambda q: np.ones((len(q), 1, q.shape[1])),
+    )
+
+
+@pytest.mark.parametrize("dof", range(2, 9))
+def test_size_box_and_no_row_twice(dof: int) -> None:
+    system = function_of(dof)
+    rows = make_design("active", system, 2 * dof + 3, seed=dof)
+    assert rows.shape == (2 * dof + 3, dof)
+    assert system.joint_box.contains(rows)
+    assert len(np.unique(rows, axis=0)) == len(rows)
+
+
+def test_same_seed_same_examples() -> None:
+    first = make_design("active", ElbowArm(), 12, seed=1)
+    assert np.array_equal(first, make_design("active", ElbowArm(), 12, seed=1))
+    assert not np.array_equal(first, make_design("active", ElbowArm(), 12, seed=2))
+
+
+def test_it_begins_with_a_sobol_sequence() -> None:
+    rows = make_design("active", ElbowArm(), 9, seed=3)
+    begin = sobol_design(ElbowArm().joint_box, 6, np.random.default_rng(3))
+    assert np.array_equal(rows[:6], begin)
+
+
+def test_the_most_disputed_come_first_but_not_side_by_side() -> None:
+    """Five candidates on a line, two of them, close to each other, far more disputed."""
+    candidates = np.array([[0.1], [0.3], [0.60], [0.62], [0.9]])
+    spread = np.array([1.0, 1.0, 10.0, 9.0, 2.0])
+    assert _spread_out(spread, candidates, np.array([[0.0]]), 2) == [2, 4]
+
+
+def test_where_all_agree_the_box_is_filled() -> None:
+    """A constant is learned at once: then distance alone decides, and no two are close."""
+    box = JointLimits(("q1", "q2"), -np.ones(2), np.ones(2))
+    constant = FunctionSystem(
+        "constant",
+        box,
+        (-np.ones(1), np.ones(1)),
+        lambda q: np.zeros((len(q), 1)),
+        lambda q: np.zeros((len(q), 1, 2)),
+    )
+    added = make_design("active", constant, 24, seed=0)[4:]
+    drawn = random_design(box, 20, np.random.default_rng(0))
+    assert pdist(added).min() > 3 * pdist(drawn).min()
+
+
+def test_it_works_for_a_robot(gantry: Robot) -> None:
+    rows = make_design("active", gantry, 14, seed=0)
+    assert rows.shape == (14, 6)
+    assert gantry.joint_box.contains(rows)
+
+
+def test_without_forward_kinematics_it_is_refused() -> None:
+    class Subject:
+        name = "table"
+        joint_box = JointLimits(("q1",), np.zeros(1), np.ones(1))
+
+    with pytest.raises(UnsupportedRobotForDesign, match="forward kinematics"):
+        make_design("active", Subject(), 5, seed=0)
+
+
+@pytest.mark.parametrize("examples", [0, MAX_EXAMPLES + 1])
+def test_size_out_of_range(examples: int) -> None:
+    with pytest.raises(InvalidDesignSize, match="active"):
+        make_design("active", ElbowArm(), examples, seed=0)

@@ -1,0 +1,85 @@
+"""Options of a fit: what is allowed, and what is refused by name. ROS-free."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from annik_core.errors import InvalidTrainingOption
+from annik_training.fitting.options import ARM_OPTIONS, FitOptions, default_options
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"hidden_units": ()},
+        {"hidden_units": (0,)},
+        {"hidden_units": (20, 4097)},
+        {"hidden_units": (2,) * 9},
+        {"restarts": 0},
+        {"restarts": 1001},
+        {"held_out_fraction": -0.01},
+        {"held_out_fraction": 0.51},
+        {"held_out_fraction": NAN},
+        {"max_evaluations": 0},
+        {"ridge": 0.0},
+        {"ridge": 1.1},
+        {"ridge": NAN},
+        {"slope_weight": -1e-9},
+        {"slope_weight": 1.1e6},
+        {"slope_weight": float("inf")},
+        {"slope_weight": NAN},
+        {"optimiser": "adam"},
+        {"optimiser": ""},
+        {"bayesian_regularisation": True, "optimiser": "lbfgs"},
+        {"seed": -1},
+        {"seed": 2**63},
+    ],
+)
+def test_an_option_out_of_range_is_named(option: dict[str, object]) -> None:
+    with pytest.raises(InvalidTrainingOption, match=next(iter(option))):
+        FitOptions(**option)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"hidden_units": (4096,) * 8},
+        {"restarts": 1000},
+        {"held_out_fraction": 0.0},
+        {"held_out_fraction": 0.5},
+        {"max_evaluations": 1},
+        {"ridge": 1.0},
+        {"slope_weight": 0.0},
+        {"slope_weight": 1e6},
+        {"optimiser": "lbfgs"},
+        {"optimiser": "levenberg_marquardt"},
+        {"seed": 2**63 - 1},
+    ],
+)
+def test_the_ends_of_the_ranges_are_allowed(option: dict[str, object]) -> None:
+    ((name, value),) = option.items()
+    assert getattr(FitOptions(**option), name) == value
+
+
+def test_what_is_allowed_is_said() -> None:
+    with pytest.raises(InvalidTrainingOption, match="levenberg_marquardt or lbfgs"):
+        FitOptions(optimiser="adam")
+    with pytest.raises(InvalidTrainingOption, match="optimiser levenberg_marquardt only"):
+        FitOptions(bayesian_regularisation=True, optimiser="lbfgs")
+
+
+def test_the_defaults_are_those_of_the_kind_of_robot() -> None:
+    """The paper's way for the paper's robot."""
+    assert default_options("gantry") == FitOptions()
+    assert default_options("arm") == ARM_OPTIONS
+    assert ARM_OPTIONS.optimiser == "lbfgs"
+
+
+def test_every_option_is_in_the_metadata_as_json_has_it() -> None:
+    options = FitOptions(hidden_units=(8, 6), linear_path=True, slope_weight=0.5)
+    written = json.loads(json.dumps(options.as_plain_data(), allow_nan=False))
+    assert written == {**vars(options), "hidden_units": [8, 6]}
