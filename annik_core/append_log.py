@@ -16,7 +16,42 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from annik_core.errors import CheckedLinesInUse, CheckedLinesNotWritable, DamagedLine
+from annik_core.errors import AnnikError
+
+
+class CheckedLinesError(AnnikError):
+    """A file of checked lines can't be used.
+
+    Who owns the file gives its own error in place of this one, with a remedy.
+    """
+
+
+class CheckedLinesInUse(CheckedLinesError):
+    """Another process has the file open."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        super().__init__(f"{path} is in use by another process")
+
+
+class DamagedLine(CheckedLinesError):
+    """A line is not as it was written."""
+
+    def __init__(self, path: Path, line: int, problem: str) -> None:
+        self.path = path
+        self.line = line
+        self.problem = problem
+        super().__init__(f"{path}, line {line}: {problem}")
+
+
+class CheckedLinesNotWritable(CheckedLinesError):
+    """The file can't be opened or extended."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path} can't be written ({reason})")
+
 
 _CHECK = "check"
 

@@ -18,12 +18,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from annik_core.errors import DatasetError, MissingDependency, UnreadableDataset
+from annik_core.errors import AnnikError, MissingDependency
 from annik_core.files import write_files_atomically
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.definition import is_numeric
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
+
+
+class DatasetError(AnnikError):
+    """A dataset can't be used."""
+
+
+class UnreadableDataset(DatasetError):
+    """A dataset file is missing, truncated, altered, or not a dataset."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"dataset {path}: {reason}")
+
 
 FORMAT_VERSION = 1
 COMPUTED = "computed by the forward kinematics"

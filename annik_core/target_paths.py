@@ -10,8 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from annik_core.errors import AnnikError, TargetPathError
+from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray, checked_pose, pose_from_roll_pitch_yaw
+
+
+class TargetPathError(AnnikError):
+    """A path of target poses can't be made as asked."""
+
 
 #: The paper's test path: P1 to P2 in steps of 20 mm along x, y and z.
 DIAGONAL_START = (0.210, 0.210, 0.510)

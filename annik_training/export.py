@@ -12,16 +12,30 @@ import numpy as np
 import onnx
 import torch
 
-from annik_core.errors import ArtifactNotWritable, ExportMismatch
 from annik_core.files import write_files_atomically
 from annik_core.installation import VERSION
 from annik_core.model.artifact import INPUT_NAME, OUTPUT_NAME, make_session, validated_artifact
+from annik_core.model.errors import ArtifactError, ArtifactNotWritable
 from annik_core.model.metadata import FORMAT_VERSION, ArtifactMetadata
 from annik_core.pose import FloatArray
 from annik_training.designs.sampling import compute_random_dataset
 from annik_training.evaluation import Evaluation
 from annik_training.fitting.fit import FittedNetwork
 from annik_training.networks.network import InverseKinematicsNetwork, for_export
+
+
+class ExportMismatch(ArtifactError):
+    """The exported graph does not compute what the trained network computes."""
+
+    def __init__(self, path: Path, difference: float, tolerance: float) -> None:
+        self.difference = difference
+        self.tolerance = tolerance
+        super().__init__(
+            path,
+            f"exported and trained network differ by {difference:.3g}, more than {tolerance:g}",
+            "nothing was written; report this with your onnxruntime and torch versions",
+        )
+
 
 #: Largest difference between exported and trained network [rad or m].
 EXPORT_TOLERANCE = 1e-9

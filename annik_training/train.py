@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from annik_core.dataset import Dataset
-from annik_core.errors import ArtifactNotWritable
 from annik_core.files import ensure_writable_folder
+from annik_core.model.errors import ArtifactNotWritable
 from annik_core.robots.robot import Robot
 from annik_training.designs.sampling import compute_random_dataset
 from annik_training.evaluation import Evaluation, evaluate

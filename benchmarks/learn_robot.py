@@ -19,7 +19,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import MEASURED, Dataset
-from annik_core.errors import DesignError
 from annik_core.model.artifact import ModelArtifact, load_artifact
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
@@ -28,6 +27,7 @@ from annik_training.calibration.calibrate import LearnedRobot, learn_robot
 from annik_training.calibration.estimation import fit_parameters
 from annik_training.calibration.model import GrayBoxModel, Part
 from annik_training.calibration.observations import Noise, Observations
+from annik_training.designs.errors import DesignError
 from annik_training.designs.registry import DESIGNS, make_design
 from annik_training.designs.sampling import compute_dataset
 from annik_training.fitting.fit import fit

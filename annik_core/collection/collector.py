@@ -18,6 +18,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from annik_core.collection.errors import CollectionStopped
 from annik_core.collection.journal import CollectionJournal, MeasuredExample
 from annik_core.collection.measurement import (
     PoseAverage,
@@ -28,7 +29,6 @@ from annik_core.collection.measurement import (
 from annik_core.collection.motion import JointMotion, approach, place_violation
 from annik_core.collection.settings import CollectionSettings
 from annik_core.collection.visiting_order import visiting_order
-from annik_core.errors import CollectionStopped
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.safety import measured_violation
 

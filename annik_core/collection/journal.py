@@ -17,21 +17,23 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.append_log import CheckedLines
-from annik_core.collection.measurement import noise_of_averages
-from annik_core.collection.settings import CollectionSettings
-from annik_core.dataset import MEASURED, Dataset
-from annik_core.errors import (
-    AnnikError,
+from annik_core.append_log import (
+    CheckedLines,
     CheckedLinesInUse,
     CheckedLinesNotWritable,
-    DamagedJournal,
     DamagedLine,
+)
+from annik_core.collection.errors import (
+    DamagedJournal,
     DatasetInTheWay,
     JournalInUse,
     JournalMismatch,
     JournalNotWritable,
 )
+from annik_core.collection.measurement import noise_of_averages
+from annik_core.collection.settings import CollectionSettings
+from annik_core.dataset import MEASURED, Dataset
+from annik_core.errors import AnnikError
 from annik_core.installation import VERSION
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.definition import is_numeric

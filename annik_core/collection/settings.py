@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 
-from annik_core.errors import InvalidCollectionSetting
+from annik_core.collection.errors import InvalidCollectionSetting
 from annik_core.safety import CommandSafety
 
 

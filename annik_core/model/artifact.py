@@ -12,7 +12,9 @@ import numpy as np
 import onnx
 import onnxruntime
 
-from annik_core.errors import (
+from annik_core.errors import MissingDependency, RobotMismatch
+from annik_core.installation import share_directory
+from annik_core.model.errors import (
     ArtifactError,
     ArtifactHasExternalData,
     ArtifactNotFound,
@@ -20,16 +22,13 @@ from annik_core.errors import (
     ArtifactSignatureMismatch,
     ArtifactTooLarge,
     InvalidArtifactMetadata,
-    InvalidRobotDefinition,
-    MissingDependency,
     NetworkFailed,
     NonFiniteWeights,
-    RobotMismatch,
 )
-from annik_core.installation import share_directory
 from annik_core.model.metadata import ArtifactMetadata
 from annik_core.model.session import ENCODING, BoundSession, pose_features, session_from_features
 from annik_core.pose import FloatArray
+from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.errors import (
+from annik_core.model.errors import (
     InvalidArtifactMetadata,
     MissingArtifactMetadata,
     UnsupportedArtifactVersion,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.errors import InvalidRobotDefinition, MissingDependency
+from annik_core.errors import MissingDependency
 from annik_core.pose import FloatArray, Numbers
 from annik_core.robots.corrected_kinematics import (
     JointCorrectedKinematics,
@@ -18,6 +18,7 @@ from annik_core.robots.corrected_kinematics import (
 )
 from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.definition import checked_name, checked_numbers
+from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
     ForwardKinematics,

@@ -18,7 +18,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import QUATERNION_NORM_TOLERANCE, FloatArray
 from annik_core.robots.definition import (
     check_positive,
@@ -26,6 +25,7 @@ from annik_core.robots.definition import (
     checked_arrays,
     checked_numbers,
 )
+from annik_core.robots.errors import InvalidRobotDefinition
 
 
 class JointCorrection(Protocol):

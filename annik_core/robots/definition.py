@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import FloatArray
+from annik_core.robots.errors import InvalidRobotDefinition
 
 #: Numbers beyond it are slips, and what is computed of them overflows.
 _LARGEST = 1e6

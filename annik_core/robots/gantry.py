@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import (
     FloatArray,
     Numbers,
@@ -32,6 +31,7 @@ from annik_core.pose import (
     roll_pitch_yaw,
 )
 from annik_core.robots.definition import checked_name, checked_numbers
+from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
     ForwardKinematics,

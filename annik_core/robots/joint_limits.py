@@ -10,8 +10,8 @@ from operator import le
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import FloatArray
+from annik_core.robots.errors import InvalidRobotDefinition
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from typing import Any
 
 import yaml
 
-from annik_core.errors import InvalidRobotDefinition, UnknownRobot
 from annik_core.installation import share_directory
 from annik_core.robots.arm import arm_from_definition
 from annik_core.robots.definition import checked_name
+from annik_core.robots.errors import InvalidRobotDefinition, UnknownRobot
 from annik_core.robots.gantry import gantry_from_definition
 from annik_core.robots.robot import Robot
 from annik_core.robots.urdf import BYTE_ORDER_MARK

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from annik_core.errors import WrongJointCount
 from annik_core.pose import FloatArray, Numbers, single_pose_difference
+from annik_core.robots.errors import WrongJointCount
 from annik_core.robots.joint_limits import JointLimits
 
 if TYPE_CHECKING:

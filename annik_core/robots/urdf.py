@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.robots.definition import checked_name
+from annik_core.robots.errors import InvalidRobotDefinition
 
 #: Joint types of a URDF that move, and what they are to a robot.
 MOVING_TYPES = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}

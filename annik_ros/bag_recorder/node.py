@@ -31,10 +31,11 @@ from rosbags.interfaces import (
     QosTime,
 )
 
-from annik_core.errors import AnnikError, BagNotWritable
+from annik_core.errors import AnnikError
 from annik_ros.bag_recorder.parameters import BagRecorderParameters
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.run_node import initialise, one_line
+from msg_tools.bags.errors import BagNotWritable
 from msg_tools.bags.types import is_known_type
 from msg_tools.bags.writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.topics import TOPICS

@@ -16,9 +16,10 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from annik_core.collection.collector import Collector, MeasuredJoints, Phase, duration_in_words
+from annik_core.collection.errors import CollectionIncomplete
 from annik_core.collection.journal import CollectionJournal, open_journal
 from annik_core.dataset import load_dataset, save_dataset
-from annik_core.errors import AnnikError, CollectionIncomplete, NonFiniteValue, NotUnitQuaternion
+from annik_core.errors import AnnikError, NonFiniteValue, NotUnitQuaternion
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
 from annik_core.serving.stamps import LAST_STAMP

@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from annik_core.errors import InvalidDesignSize
 from annik_core.pose import FloatArray
+from annik_training.designs.errors import InvalidDesignSize
 from annik_training.designs.sampling_designs import random_design, sobol_design
 from annik_training.fitting.fit import FittedStarts, examples_of, fit_starts
 from annik_training.fitting.options import FitOptions

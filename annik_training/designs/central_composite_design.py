@@ -15,9 +15,9 @@ import itertools
 
 import numpy as np
 
-from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
+from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.grid import distinct_rows, grid_positions
 
 NAME = "central_composite"

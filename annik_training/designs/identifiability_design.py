@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from annik_core.errors import DesignError
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
+from annik_training.designs.errors import DesignError
 
 NAME = "identifiability"
 #: Joint positions to choose from.

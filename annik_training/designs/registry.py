@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from annik_core.errors import DesignError, UnknownDesign, UnsupportedRobotForDesign
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
@@ -19,6 +18,7 @@ from annik_training.designs import (
     thirty_phase_plus_design,
     workspace_grid_design,
 )
+from annik_training.designs.errors import DesignError, UnknownDesign, UnsupportedRobotForDesign
 from annik_training.designs.free_joints import free_box, with_locked_joints
 
 

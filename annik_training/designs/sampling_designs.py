@@ -7,9 +7,9 @@ import math
 import numpy as np
 from scipy.stats import qmc
 
-from annik_core.errors import InvalidDesignSize
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
+from annik_training.designs.errors import InvalidDesignSize
 
 MAX_EXAMPLES = 1_000_000
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
+from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.grid import distinct_rows, grid_positions
 
 NAME = "thirty_phase"

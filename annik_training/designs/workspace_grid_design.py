@@ -6,10 +6,10 @@ import itertools
 
 import numpy as np
 
-from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_core.pose import FloatArray
 from annik_core.robots.gantry import GantryKinematics, GantryWorkspace
 from annik_core.robots.robot import Robot
+from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.grid import distinct_rows
 
 NAME = "workspace_grid"

@@ -15,8 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from annik_core.dataset import Dataset
-from annik_core.errors import TooFewExamples
+from annik_core.dataset import Dataset, DatasetError
 from annik_core.pose import FloatArray
 from annik_training.fitting.branches import single_branch
 from annik_training.fitting.evidence import minimise_with_chosen_decay
@@ -26,6 +25,16 @@ from annik_training.fitting.problem import InverseKinematicsSystem, System
 from annik_training.fitting.threads import one_thread
 from annik_training.fitting.variable_projection import ScaledExamples, SeparableProblem, minimise
 from annik_training.networks.network import InverseKinematicsNetwork, ScaledNetwork, Scaling
+
+
+class TooFewExamples(DatasetError):
+    """A dataset is too small for what was asked of it."""
+
+    def __init__(self, examples: int, minimum: int, purpose: str) -> None:
+        self.examples = examples
+        self.minimum = minimum
+        super().__init__(f"{examples} examples are too few for {purpose}: at least {minimum}")
+
 
 #: Fewest examples of a fit that holds some of them out.
 MIN_EXAMPLES = 8

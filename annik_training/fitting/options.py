@@ -5,7 +5,22 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from annik_core.errors import InvalidTrainingOption
+from annik_core.errors import AnnikError
+
+
+class TrainingError(AnnikError):
+    """A network could not be trained."""
+
+
+class InvalidTrainingOption(TrainingError):
+    """A training option is out of range."""
+
+    def __init__(self, option: str, value: object, allowed: str) -> None:
+        self.option = option
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"{option} is {value!r}; allowed: {allowed}")
+
 
 OPTIMISERS = ("levenberg_marquardt", "lbfgs")
 

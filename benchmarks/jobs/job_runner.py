@@ -16,8 +16,20 @@ from typing import Any, TypeVar
 import joblib
 from joblib.parallel import get_active_backend
 
-from annik_core.errors import WorkerEnded
+from annik_core.errors import AnnikError
 from annik_training.fitting.threads import one_thread
+
+
+class WorkerEnded(AnnikError):
+    """A process that ran jobs ended in the midst of one."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(
+            f"a worker process ended before its job was done, perhaps for lack of memory: run "
+            f"again, with fewer --workers ({reason})"
+        )
+
 
 _Job = TypeVar("_Job")
 _Outcome = TypeVar("_Outcome")

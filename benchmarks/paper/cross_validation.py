@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annik_core.errors import InvalidTrainingOption, TooFewExamples
-from annik_training.fitting.fit import MIN_EXAMPLES, Examples, Indices, fit_start
-from annik_training.fitting.options import FitOptions
+from annik_training.fitting.fit import MIN_EXAMPLES, Examples, Indices, TooFewExamples, fit_start
+from annik_training.fitting.options import FitOptions, InvalidTrainingOption
 from annik_training.networks.network import ScaledNetwork
 
 

@@ -5,14 +5,24 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from annik_core.errors import ReproductionNotWritable
 from annik_core.files import ensure_writable_folder, write_files_atomically
+from annik_training.fitting.options import TrainingError
 from benchmarks.conditions import machine
 from benchmarks.paper.csv_tables import csv_tables
 from benchmarks.paper.document import paper_document
 from benchmarks.paper.figures import paper_figures
 from benchmarks.paper.reproduction import Measurements
 from benchmarks.paper.results import results
+
+
+class ReproductionNotWritable(TrainingError):
+    """What the reproduction of the paper found can't be written."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path} can't be written ({reason}): check the folder and free space")
+
 
 RESULTS = "results.json"
 PAGE = "paper.md"

@@ -22,8 +22,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from annik_core.errors import StudyError, StudyNotWritable
 from annik_core.files import write_files_atomically
+from benchmarks.study.errors import StudyError, StudyNotWritable
 
 if TYPE_CHECKING:
     from benchmarks.study.run import StudyOutcome, StudyProgress

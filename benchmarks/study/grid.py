@@ -9,15 +9,12 @@ from itertools import count
 
 import numpy as np
 
-from annik_core.errors import (
-    InvalidDesignSize,
-    InvalidStudySetting,
-    UnknownRobot,
-    UnsupportedRobotForDesign,
-)
+from annik_core.robots.errors import UnknownRobot
+from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.registry import DESIGNS, check_subject, make_design
 from annik_training.fitting.problem import System
 from benchmarks.jobs.fit_job import FitJob, one_start
+from benchmarks.study.errors import InvalidStudySetting
 from benchmarks.study.settings import StudySettings
 from benchmarks.study.training_options import TRAINING_OPTIONS
 from benchmarks.systems.library import ANALYTIC_SYSTEMS, load_system

@@ -14,19 +14,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from annik_core.append_log import CheckedLines, digest
-from annik_core.errors import (
+from annik_core.append_log import (
+    CheckedLines,
     CheckedLinesInUse,
     CheckedLinesNotWritable,
     DamagedLine,
-    DamagedStudyResults,
-    StudyInUse,
-    StudyNotWritable,
+    digest,
 )
 from annik_core.installation import VERSION
 from annik_training.evaluation import ErrorSummary
 from annik_training.fitting.problem import InverseKinematicsSystem
 from benchmarks.jobs.fit_job import FitJob, FitOutcome
+from benchmarks.study.errors import DamagedStudyResults, StudyInUse, StudyNotWritable
 from benchmarks.study.job import JobFailure
 from benchmarks.systems.library import load_system
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from annik_core.errors import InvalidStudySetting
 from annik_training.designs.registry import DESIGNS, find_design
 from annik_training.fitting.options import FitOptions
+from benchmarks.study.errors import InvalidStudySetting
 from benchmarks.study.training_options import TRAINING_OPTIONS
 
 _EXAMPLES = (2, 10_000)

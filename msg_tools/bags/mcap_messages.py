@@ -22,7 +22,7 @@ from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
-from annik_core.errors import BagNotReadable
+from msg_tools.bags.errors import BagNotReadable
 from msg_tools.bags.writer import LIBRARY
 
 _RECORD_HEAD: Final = struct.Struct("<BQ")

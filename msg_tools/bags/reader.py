@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from annik_core.errors import BagNotFound, BagNotReadable
+from msg_tools.bags.errors import BagNotFound, BagNotReadable
 from msg_tools.bags.mcap_messages import McapMessages
 from msg_tools.bags.metadata import METADATA_FILE
 from msg_tools.bags.types import is_known_type, jazzy_types

@@ -12,8 +12,8 @@ from typing import IO, Any, Final, NoReturn, cast
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
 
-from annik_core.errors import BagNotWritable
 from annik_core.files import write_files_atomically
+from msg_tools.bags.errors import BagNotWritable
 from msg_tools.bags.metadata import (
     METADATA_FILE,
     RecordedSpan,

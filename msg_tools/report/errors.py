@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from annik_core.errors import AnnikError, BagError
+from annik_core.errors import AnnikError
+from msg_tools.bags.errors import BagError
 
 
 class NamespaceError(BagError):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from annik_core.errors import InvalidRobotDefinition
+from annik_core.robots.errors import InvalidRobotDefinition
 from benchmarks.ik.peers import library, pinocchio_clik
 from benchmarks.ik.peers.closed_form import chosen_solution, exact_solutions
 from benchmarks.ik.peers.peer import PeerUnavailable, imported

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from annik_core.errors import InvalidTrainingOption, TooFewExamples
 from annik_training.designs.sampling_designs import sobol_design
-from annik_training.fitting.fit import Examples, examples_of
-from annik_training.fitting.options import FitOptions
+from annik_training.fitting.fit import Examples, TooFewExamples, examples_of
+from annik_training.fitting.options import FitOptions, InvalidTrainingOption
 from benchmarks.paper.cross_validation import cross_validate
 from benchmarks.systems.elbow_arm import ElbowArm
 

@@ -12,8 +12,7 @@ import joblib
 import pytest
 from support.process_groups import is_group_gone, wait_until
 
-from annik_core.errors import WorkerEnded
-from benchmarks.jobs.job_runner import run_jobs
+from benchmarks.jobs.job_runner import WorkerEnded, run_jobs
 
 #: Runs jobs that take long and say which process they are in.
 PROGRAM = """

@@ -20,21 +20,20 @@ import pytest
 from click.testing import CliRunner, Result
 from support.process_groups import is_group_gone, wait_until
 
-from annik_core.errors import (
-    DamagedStudyResults,
-    InvalidStudySetting,
-    StudyInUse,
-    StudyNotWritable,
-    UnknownDesign,
-    UnknownRobot,
-    UnsupportedRobotForDesign,
-)
 from annik_core.installation import share_directory
+from annik_core.robots.errors import UnknownRobot
 from annik_training.cli.commands import cli
+from annik_training.designs.errors import UnknownDesign, UnsupportedRobotForDesign
 from annik_training.designs.registry import DESIGNS, make_design
 from annik_training.evaluation import ErrorSummary
 from benchmarks.jobs.fit_job import FitOutcome
 from benchmarks.study import job as study_job
+from benchmarks.study.errors import (
+    DamagedStudyResults,
+    InvalidStudySetting,
+    StudyInUse,
+    StudyNotWritable,
+)
 from benchmarks.study.figures import efficiency_figure
 from benchmarks.study.grid import nearest_sizes, study_grid
 from benchmarks.study.job import JobFailure, try_fit_job

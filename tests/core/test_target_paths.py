@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from annik_core.errors import AnnikError, TargetPathError
+from annik_core.errors import AnnikError
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.robots.library import load_robot
 from annik_core.target_paths import (
     InvalidPathOption,
+    TargetPathError,
     UnreadableTargetFile,
     circle_path,
     csv_path,

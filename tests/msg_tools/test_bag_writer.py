@@ -24,7 +24,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import Reader
 from support.robot_recording import START_NS, RobotRecording, make
 
-from annik_core.errors import BagNotWritable
+from msg_tools.bags.errors import BagNotWritable
 from msg_tools.bags.reader import read_bag
 from msg_tools.bags.types import jazzy_types
 from msg_tools.bags.writer import BagWriter

@@ -14,8 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annik_core.dataset import Dataset, load_dataset, save_dataset
-from annik_core.errors import DatasetError, UnreadableDataset
+from annik_core.dataset import Dataset, DatasetError, UnreadableDataset, load_dataset, save_dataset
 from annik_core.robots.robot import Robot
 from annik_training.designs.sampling import compute_dataset
 

@@ -13,12 +13,13 @@ import pytest
 import torch
 
 from annik_core.dataset import Dataset
-from annik_core.errors import ArtifactNotWritable, ExportMismatch
 from annik_core.model.artifact import default_model_path, load_artifact
+from annik_core.model.errors import ArtifactNotWritable
 from annik_core.robots.robot import Robot
 from annik_training import export as export_onnx
 from annik_training.designs.sampling import compute_dataset, compute_random_dataset
 from annik_training.evaluation import evaluate
+from annik_training.export import ExportMismatch
 from annik_training.fitting.fit import FittedNetwork, fit
 from annik_training.fitting.options import FitOptions
 from annik_training.train import evaluation_dataset, train

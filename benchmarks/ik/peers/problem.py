@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import FloatArray
+from annik_core.robots.errors import InvalidRobotDefinition
 from benchmarks.ik.peers.pose_matrix import roll_pitch_yaw
 from benchmarks.ik.peers.serial_chain import SerialChain, joint_motion, joints_between, origin_of
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.pose import FloatArray
+from annik_core.robots.errors import InvalidRobotDefinition
 
 MOVING = {"revolute", "continuous", "prismatic"}
 

@@ -20,10 +20,10 @@ from annik_core.collection.collector import (
     Phase,
     duration_in_words,
 )
+from annik_core.collection.errors import CollectionStopped
 from annik_core.collection.journal import CollectionJournal
 from annik_core.collection.measurement import Settling
 from annik_core.collection.settings import CollectionSettings
-from annik_core.errors import CollectionStopped
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot
 

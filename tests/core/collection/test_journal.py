@@ -13,6 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.collection_plans import small_plan
 
+from annik_core.collection.errors import (
+    DamagedJournal,
+    DatasetInTheWay,
+    JournalInUse,
+    JournalMismatch,
+    JournalNotWritable,
+)
 from annik_core.collection.journal import (
     CollectionJournal,
     MeasuredExample,
@@ -21,13 +28,6 @@ from annik_core.collection.journal import (
 )
 from annik_core.collection.settings import CollectionSettings
 from annik_core.dataset import MEASURED, load_dataset, save_dataset
-from annik_core.errors import (
-    DamagedJournal,
-    DatasetInTheWay,
-    JournalInUse,
-    JournalMismatch,
-    JournalNotWritable,
-)
 from annik_core.pose import checked_pose
 
 SAMPLES = 4

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from annik_core.collection.errors import InvalidCollectionSetting
 from annik_core.collection.measurement import average_poses, measurement_fault, noise_of_averages
 from annik_core.collection.settings import CollectionSettings
-from annik_core.errors import InvalidCollectionSetting
 from annik_core.pose import pose_distance, pose_from_roll_pitch_yaw
 
 POSE = pose_from_roll_pitch_yaw([0.4, -0.2, 0.9], [0.3, -1.1, 2.9])

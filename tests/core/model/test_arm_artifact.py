@@ -14,13 +14,9 @@ import onnx
 import pytest
 from support.six_joint_arm import BASE, BOX, FLANGE, URDF
 
-from annik_core.errors import (
-    ArtifactNotFound,
-    InvalidArtifactMetadata,
-    MissingDependency,
-    RobotMismatch,
-)
+from annik_core.errors import MissingDependency, RobotMismatch
 from annik_core.model.artifact import load_artifact, model_path, packaged_models
+from annik_core.model.errors import ArtifactNotFound, InvalidArtifactMetadata
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.solver.ik_solver import IkSolver

@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
-from annik_core import errors
 from annik_core.model import artifact as artifact_module
+from annik_core.model import errors
 from annik_core.model.artifact import MAX_FILE_SIZE, default_model_path, load_artifact
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot

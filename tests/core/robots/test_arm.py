@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support.urdf_texts import DECLARATION, J1, J2, TWO_JOINTS, joint, planar_arm, urdf
 
-from annik_core.errors import InvalidRobotDefinition, MissingDependency, WrongJointCount
+from annik_core.errors import MissingDependency
 from annik_core.pose import FloatArray, pose_difference
 from annik_core.robots.arm import ArmKinematics
+from annik_core.robots.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import Robot, base_frame_error_to
 

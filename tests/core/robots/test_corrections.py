@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 from support.arm_corrections import corrected, drawn_corrections, identity_corrections
 from support.urdf_texts import planar_arm
 
-from annik_core.errors import InvalidRobotDefinition
 from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.corrections import ArmCorrections, quadratic_features
+from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_core.solver.refinement import Refinement

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annik_core.errors import InvalidRobotDefinition, UnknownRobot, WrongJointCount
 from annik_core.pose import pose_difference, pose_from_roll_pitch_yaw
+from annik_core.robots.errors import InvalidRobotDefinition, UnknownRobot, WrongJointCount
 from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import Robot

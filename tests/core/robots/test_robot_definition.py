@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from annik_core.errors import InvalidRobotDefinition
+from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.urdf_texts import DECLARATION, J1, J2, TWO_JOINTS, joint, urdf
 
-from annik_core.errors import InvalidRobotDefinition, UnknownRobot
+from annik_core.robots.errors import InvalidRobotDefinition, UnknownRobot
 from annik_core.robots.library import load_robot
 from annik_core.robots.urdf import CONTINUOUS_LIMIT, MAX_LENGTH, serial_chain
 

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from annik_core.errors import AnnikError, ArtifactError
+from annik_core.errors import AnnikError
 from annik_core.model.artifact import default_model_path
+from annik_core.model.errors import ArtifactError
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import AcceptanceLimits
 from annik_core.serving.ik_server import IkServer

@@ -18,8 +18,9 @@ from click.testing import CliRunner, Result
 from support.imperfect_ur5e import ImperfectUr5e, measured, measured_ur5e
 
 from annik_core.dataset import save_dataset
-from annik_core.errors import InvalidArtifactMetadata, RobotMismatch
+from annik_core.errors import RobotMismatch
 from annik_core.model.artifact import load_artifact
+from annik_core.model.errors import InvalidArtifactMetadata
 from annik_core.robots.library import load_robot
 from annik_core.solver.ik_solver import IkSolver
 from annik_core.solver.result import IkStatus

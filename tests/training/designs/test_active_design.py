@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from annik_core.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
 from annik_training.designs.active_design import MAX_EXAMPLES, _spread_out
+from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.registry import make_design
 from annik_training.designs.sampling_designs import random_design, sobol_design
 from benchmarks.systems.elbow_arm import ElbowArm

@@ -12,16 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annik_core.errors import (
+from annik_core.robots.joint_limits import JointLimits
+from annik_core.robots.library import robot_from_definition
+from annik_core.robots.robot import Robot
+from annik_training.designs.central_composite_design import central_composite_design
+from annik_training.designs.errors import (
     DesignError,
     InvalidDesignSize,
     UnknownDesign,
     UnsupportedRobotForDesign,
 )
-from annik_core.robots.joint_limits import JointLimits
-from annik_core.robots.library import robot_from_definition
-from annik_core.robots.robot import Robot
-from annik_training.designs.central_composite_design import central_composite_design
 from annik_training.designs.quadratic_model import (
     quadratic_rank,
     quadratic_terms,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from support.arm_corrections import corrected, identity_corrections
 
-from annik_core.errors import DesignError, UnsupportedRobotForDesign
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.calibration.errors import UnsupportedRobot
 from annik_training.calibration.estimation import FittedParameters
 from annik_training.calibration.model import GrayBoxModel, Part
 from annik_training.calibration.observations import Noise, Observations
+from annik_training.designs.errors import DesignError, UnsupportedRobotForDesign
 from annik_training.designs.identifiability_design import identifiability_design
 from annik_training.designs.registry import make_design
 

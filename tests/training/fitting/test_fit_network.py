@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import torch
 
-from annik_core.errors import TooFewExamples
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
 from annik_training.designs.sampling_designs import random_design, sobol_design
 from annik_training.fitting.fit import (
     Examples,
+    TooFewExamples,
     examples_of,
     fit_starts,
     scaled_examples,

@@ -6,8 +6,12 @@ import json
 
 import pytest
 
-from annik_core.errors import InvalidTrainingOption
-from annik_training.fitting.options import ARM_OPTIONS, FitOptions, default_options
+from annik_training.fitting.options import (
+    ARM_OPTIONS,
+    FitOptions,
+    InvalidTrainingOption,
+    default_options,
+)
 
 NAN = float("nan")
 

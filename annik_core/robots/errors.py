@@ -1,0 +1,44 @@
+"""Exceptions of robot definitions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from annik_core.errors import AnnikError
+
+
+class RobotError(AnnikError):
+    """A robot definition can't be used."""
+
+
+class UnknownRobot(RobotError):
+    """No packaged robot has this name, and no file has this path."""
+
+    def __init__(self, name: str, known: Sequence[str]) -> None:
+        self.name = name
+        self.known = tuple(known)
+        super().__init__(
+            f"no robot {name!r}: give one of the packaged robots ({', '.join(self.known)}) "
+            "or the path of a robot definition (.yaml) or a URDF (.urdf)"
+        )
+
+
+class InvalidRobotDefinition(RobotError):
+    """A robot definition is incomplete or contradicts itself."""
+
+    def __init__(self, source: str, problem: str) -> None:
+        self.source = source
+        self.problem = problem
+        super().__init__(f"robot definition {source}: {problem}")
+
+
+class WrongJointCount(RobotError):
+    """An array of joint positions does not have one column per joint."""
+
+    def __init__(self, shape: tuple[int, ...], joint_names: Sequence[str]) -> None:
+        self.shape = shape
+        self.joint_names = tuple(joint_names)
+        super().__init__(
+            f"joint positions have shape {shape}; expected (n, {len(self.joint_names)}), "
+            f"one column for each of {', '.join(self.joint_names)}"
+        )

@@ -1,0 +1,31 @@
+"""Exceptions of bags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from annik_core.errors import AnnikError
+
+
+class BagError(AnnikError):
+    """A bag can't be read or written."""
+
+    def __init__(self, path: Path, problem: str) -> None:
+        self.path = path
+        self.problem = problem
+        super().__init__(f"bag {path}: {problem}")
+
+
+class BagNotFound(BagError):
+    """There is no such bag."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "no such file or folder")
+
+
+class BagNotReadable(BagError):
+    """The bag is damaged beyond use, or not a bag."""
+
+
+class BagNotWritable(BagError):
+    """The bag can't be created or extended."""
