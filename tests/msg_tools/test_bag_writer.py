@@ -206,7 +206,7 @@ def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> No
         f"""
         import resource, sys
         from pathlib import Path
-        from annik_core.errors import BagNotWritable
+        from msg_tools.bags.errors import BagNotWritable
         from msg_tools.bags.writer import BagWriter
         resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
         flushed = 0

@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
+from annik_core.errors import RobotMismatch
 from annik_core.model import artifact as artifact_module
 from annik_core.model import errors
 from annik_core.model.artifact import MAX_FILE_SIZE, default_model_path, load_artifact
@@ -513,12 +514,12 @@ def test_another_robot_of_the_same_name(gantry: Robot) -> None:
     """The definition decides, not the name; the hashes tell which is which."""
     other = robot_from_definition({**gantry.definition, "base_frame": "world"}, "test")
     hashes = rf"{gantry.definition_hash[:12]}.*{other.definition_hash[:12]}"
-    with pytest.raises(errors.RobotMismatch, match=rf"robot gantry .*{hashes}"):
+    with pytest.raises(RobotMismatch, match=rf"robot gantry .*{hashes}"):
         load_artifact(default_model_path(), other)
 
 
 def test_the_model_of_another_robot(gantry: Robot) -> None:
     """Both robots are named."""
     other = robot_from_definition({**gantry.definition, "name": "portal"}, "test")
-    with pytest.raises(errors.RobotMismatch, match=r"belongs to robot gantry .*, not to portal"):
+    with pytest.raises(RobotMismatch, match=r"belongs to robot gantry .*, not to portal"):
         load_artifact(default_model_path(), other)
