@@ -1,7 +1,7 @@
-"""A file of lines that are only appended, each safe as soon as it is written.
+"""Append-only log of JSON records, one a line; every append is synced to the disk.
 
-A line is a mapping as JSON, with ``check``, a checksum of the rest. What a process that was killed
-left of a line is taken off when the file is opened again; a line that was altered is refused.
+A record is a mapping with the key ``check``, the checksum of the rest. A last line that a killed
+process left incomplete is removed when the log is opened; an altered line is refused.
 """
 
 from __future__ import annotations
@@ -16,79 +16,47 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from annik_core.errors import AnnikError
-
-
-class CheckedLinesError(AnnikError):
-    """A file of checked lines can't be used.
-
-    Who owns the file gives its own error in place of this one, with a remedy.
-    """
-
-
-class CheckedLinesInUse(CheckedLinesError):
-    """Another process has the file open."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        super().__init__(f"{path} is in use by another process")
-
-
-class DamagedLine(CheckedLinesError):
-    """A line is not as it was written."""
-
-    def __init__(self, path: Path, line: int, problem: str) -> None:
-        self.path = path
-        self.line = line
-        self.problem = problem
-        super().__init__(f"{path}, line {line}: {problem}")
-
-
-class CheckedLinesNotWritable(CheckedLinesError):
-    """The file can't be opened or extended."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        self.path = path
-        self.reason = reason
-        super().__init__(f"{path} can't be written ({reason})")
-
+from annik_core.errors import DamagedRecord, InUse, NotWritable
 
 _CHECK = "check"
 
 
-class CheckedLines:
-    """The lines of a file, open for this process alone.
-
-    Use it as a context manager, or close it.
+class AppendLog:
+    """A log, locked for this process alone. Use it as a context manager, or close it.
 
     Attributes:
         path: the file.
-        was_cut_off: whether the last line was incomplete, and was taken off.
+        truncated: whether an incomplete last line was removed when the log was opened.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Open a file; it, and its folder, are made if they are not there.
+    def __init__(self, path: Path, *, has_header: bool = False) -> None:
+        """Open a log; create it and its folder if they are missing.
+
+        Args:
+            path: the file.
+            has_header: whether the first record says what the others belong to.
 
         Raises:
-            CheckedLinesInUse: if another process has it open.
-            DamagedLine: if a line is not as it was written.
-            CheckedLinesNotWritable: if the file can't be opened.
+            InUse: if another process has it open.
+            DamagedRecord: if a line was altered.
+            NotWritable: if the file can't be opened.
         """
         self.path = path
+        self._has_header = has_header
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a+b", buffering=0)
         except OSError as error:
-            raise CheckedLinesNotWritable(path, error.strerror or str(error)) from error
+            raise self._not_writable(error) from error
         try:
             self._lock()
-            self._lines, self._size = self._read()
-            self.was_cut_off = self._cut_off()
+            self._records, self._size = self._read()
+            self.truncated = self._truncate()
         except BaseException:
             self._file.close()
             raise
 
-    def __enter__(self) -> CheckedLines:
+    def __enter__(self) -> AppendLog:
         return self
 
     def __exit__(
@@ -97,71 +65,95 @@ class CheckedLines:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the file, which unlocks it."""
+        """Close and unlock the file."""
         self.close()
 
     def close(self) -> None:
-        """Close the file, which unlocks it."""
+        """Close and unlock the file."""
         self._file.close()
 
     @property
-    def lines(self) -> tuple[dict[str, Any], ...]:
-        """The lines that are in the file, first to last, without their checksums."""
-        return tuple(self._lines)
+    def records(self) -> tuple[dict[str, Any], ...]:
+        """The records of the file, first to last, without their checksums."""
+        return tuple(self._records)
 
-    def append(self, line: Mapping[str, Any]) -> None:
-        """Append a line; it is on the disk when this returns.
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Append a record; it is on the disk when this returns.
 
         Args:
-            line: what JSON can hold; without a key ``check``.
+            record: JSON values, without a key ``check``.
 
         Raises:
-            CheckedLinesNotWritable: if it can't be written. The file is then as it was before.
+            NotWritable: if it can't be written. The file is then as it was before.
         """
-        text = json.dumps({**line, _CHECK: digest(line)}, allow_nan=False)
+        text = json.dumps({**record, _CHECK: digest(record)}, allow_nan=False)
         self._append(text.encode() + b"\n")
-        self._lines.append(dict(line))
+        self._records.append(dict(record))
 
-    def read_again(self) -> None:
-        """Take the lines from the file, as if it were opened now."""
-        self._lines, self._size = self._read()
+    def reload(self) -> None:
+        """Read the records from the file again.
+
+        Raises:
+            DamagedRecord: if a line was altered.
+        """
+        self._records, self._size = self._read()
+
+    def damaged(self, line: int, problem: str) -> DamagedRecord:
+        """The error for a record that does not mean what it should.
+
+        Args:
+            line: its number, from 1.
+            problem: what is wrong with it.
+        """
+        if self._has_header and line == 1:
+            remedy = "the file can't be used without its first line: give another file"
+        else:
+            remedy = "delete this line (what it records is then done again), or give another file"
+        return DamagedRecord(self.path, line, problem, remedy)
+
+    def _not_writable(self, error: OSError) -> NotWritable:
+        return NotWritable(
+            self.path,
+            error.strerror or str(error),
+            "check the folder and free space; what was written before is kept, and the same "
+            "command continues from there",
+        )
 
     def _lock(self) -> None:
-        # On the file itself: the lock goes when the process ends, however it ends.
+        # The lock on the file is released when the process ends, however it ends.
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise CheckedLinesInUse(self.path) from error
+            raise InUse(self.path) from error
         except OSError as error:
-            raise CheckedLinesNotWritable(self.path, error.strerror or str(error)) from error
+            raise self._not_writable(error) from error
 
     def _read(self) -> tuple[list[dict[str, Any]], int]:
-        """The lines, and where the last whole one ends."""
+        """The records, and the size of the file up to the last complete line."""
         self._file.seek(0)
         data = self._file.read()
-        # What follows the last end of line was being written when the process or machine died.
-        whole = data[: data.rfind(b"\n") + 1]
-        texts = whole.split(b"\n")[:-1]
-        return [self._line(number, text) for number, text in enumerate(texts, start=1)], len(whole)
+        complete = data[: data.rfind(b"\n") + 1]
+        lines = complete.split(b"\n")[:-1]
+        return [self._record(number, line) for number, line in enumerate(lines, 1)], len(complete)
 
-    def _line(self, number: int, text: bytes) -> dict[str, Any]:
+    def _record(self, number: int, line: bytes) -> dict[str, Any]:
         try:
-            line = json.loads(text)
-            check = line.pop(_CHECK)
-            if check == digest(line):
-                return dict(line)
-        # JSON's and Unicode's faults are ValueErrors; the others are another form.
+            record = json.loads(line)
+            check = record.pop(_CHECK)
+            if check == digest(record):
+                return dict(record)
+        # ValueError: not JSON or not UTF-8. The others: JSON of another structure.
         except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
             pass
-        raise DamagedLine(self.path, number, "it is damaged, or not of annik")
+        raise self.damaged(number, "it is damaged, or was not written by annik")
 
-    def _cut_off(self) -> bool:
+    def _truncate(self) -> bool:
         try:
             if os.fstat(self._file.fileno()).st_size == self._size:
                 return False
             os.ftruncate(self._file.fileno(), self._size)
         except OSError as error:
-            raise CheckedLinesNotWritable(self.path, error.strerror or str(error)) from error
+            raise self._not_writable(error) from error
         return True
 
     def _append(self, data: bytes) -> None:
@@ -169,17 +161,17 @@ class CheckedLines:
         try:
             written = 0
             while written < len(data):
-                # A disk that fills up takes a part first.
+                # A disk that becomes full first accepts a part.
                 written += os.write(descriptor, data[written:])
             os.fsync(descriptor)
         except OSError as error:
             with suppress(OSError):
                 os.ftruncate(descriptor, self._size)
-            raise CheckedLinesNotWritable(self.path, error.strerror or str(error)) from error
+            raise self._not_writable(error) from error
         self._size += len(data)
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of plain data, whatever the order of its keys."""
+    """SHA-256 of JSON values, independent of the order of keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -206,7 +206,7 @@ class Collector:
 
         Raises:
             CollectionStopped: if the robot is outside its limits or the workspace box.
-            JournalNotWritable: if the order can't be written down.
+            NotWritable: if the order can't be written down.
         """
         limits = self._robot.joint_limits
         # A robot at its limit may be measured a little beyond; a command may not.
@@ -244,7 +244,7 @@ class Collector:
         Raises:
             CollectionStopped: if the robot is silent, jumps, or is not where it was commanded to
                 be; or if too many examples fail in a row.
-            JournalNotWritable: if an example can't be written down.
+            NotWritable: if an example can't be written down.
         """
         self._count_silence(now)
         if measured is not None:
@@ -260,7 +260,7 @@ class Collector:
 
         Raises:
             CollectionStopped: if too many examples fail in a row.
-            JournalNotWritable: if an example can't be written down.
+            NotWritable: if an example can't be written down.
         """
         visit = self._visit
         if visit is None or self.phase is not Phase.MEASURING:

@@ -34,29 +34,6 @@ class DatasetInTheWay(CollectionError):
         )
 
 
-class JournalInUse(CollectionError):
-    """Another collector writes to the same journal."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        super().__init__(
-            f"{path} is in use by another example_collector: end that one, or give another dataset"
-        )
-
-
-class DamagedJournal(CollectionError):
-    """A line of a journal is not as annik wrote it."""
-
-    def __init__(self, path: Path, line: int, problem: str) -> None:
-        self.path = path
-        self.line = line
-        self.problem = problem
-        remedy = "delete this line (its example is then measured again), or give another dataset"
-        if line == 1:
-            remedy = "without its first line it can't be used: give another dataset"
-        super().__init__(f"journal {path}, line {line}: {problem}; {remedy}")
-
-
 class JournalMismatch(CollectionError):
     """A journal was begun for another plan, or with a setting that must stay."""
 
@@ -68,18 +45,6 @@ class JournalMismatch(CollectionError):
         super().__init__(
             f"journal {path} was begun with {what} {journal}, not {given}: give what it was begun "
             "with, to go on with it, or another dataset, to begin anew"
-        )
-
-
-class JournalNotWritable(CollectionError):
-    """A measured example can't be written down."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        self.path = path
-        self.reason = reason
-        super().__init__(
-            f"journal {path} can't be written ({reason}): check the folder and free space; what "
-            "was written before is kept, and the same command goes on from there"
         )
 
 

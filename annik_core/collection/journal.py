@@ -2,14 +2,13 @@
 
 The first line says what the journal is of: the plan and the robot by their hashes, the number of
 samples, and the order of the examples. Every other line is one finished example. Its file and lock
-are those of :class:`annik_core.append_log.CheckedLines`.
+are those of :class:`annik_core.append_log.AppendLog`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,19 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.append_log import (
-    CheckedLines,
-    CheckedLinesInUse,
-    CheckedLinesNotWritable,
-    DamagedLine,
-)
-from annik_core.collection.errors import (
-    DamagedJournal,
-    DatasetInTheWay,
-    JournalInUse,
-    JournalMismatch,
-    JournalNotWritable,
-)
+from annik_core.append_log import AppendLog
+from annik_core.collection.errors import DatasetInTheWay, JournalMismatch
 from annik_core.collection.measurement import noise_of_averages
 from annik_core.collection.settings import CollectionSettings
 from annik_core.dataset import MEASURED, Dataset
@@ -74,7 +62,7 @@ def open_journal(dataset: Path, plan: Dataset, samples: int) -> CollectionJourna
 
     Raises:
         DatasetInTheWay: if the dataset is there without a journal: it is somebody else's.
-        CollectionError: see :class:`CollectionJournal`.
+        AnnikError: as :class:`CollectionJournal`.
     """
     path = journal_path(dataset)
     if dataset.exists() and not path.exists():
@@ -103,22 +91,21 @@ class CollectionJournal:
             samples: how many measured poses are averaged for an example.
 
         Raises:
-            JournalInUse: if another process has it open.
-            DamagedJournal: if a line is not as it was written.
+            InUse: if another process has it open.
+            DamagedRecord: if a line is not as it was written.
             JournalMismatch: if it is of another plan, robot, or number of samples.
-            JournalNotWritable: if the file can't be opened.
+            NotWritable: if the file can't be opened.
         """
         self.path = path
         self.plan = plan
         self.order: tuple[int, ...] | None = None
         self.examples: dict[int, MeasuredExample] = {}
         self._samples = samples
-        with _journal_errors():
-            self._lines = CheckedLines(path)
+        self._log = AppendLog(path, has_header=True)
         try:
             self._read()
         except BaseException:
-            self._lines.close()
+            self._log.close()
             raise
 
     def __enter__(self) -> CollectionJournal:
@@ -135,7 +122,7 @@ class CollectionJournal:
 
     def close(self) -> None:
         """Close the file, which unlocks it."""
-        self._lines.close()
+        self._log.close()
 
     @property
     def remaining(self) -> tuple[int, ...]:
@@ -151,35 +138,33 @@ class CollectionJournal:
         """Write down the order and what else this collection is of.
 
         Raises:
-            JournalNotWritable: if it can't be written.
+            NotWritable: if it can't be written.
         """
-        with _journal_errors():
-            self._lines.append(
-                {
-                    **self._identity,
-                    "order": list(order),
-                    # For a person who reads it: they may differ when it is gone on with.
-                    "settings": _plain_settings(settings),
-                    "annik_version": VERSION,
-                }
-            )
+        self._log.append(
+            {
+                **self._identity,
+                "order": list(order),
+                # For a person who reads it: they may differ when it is gone on with.
+                "settings": _plain_settings(settings),
+                "annik_version": VERSION,
+            }
+        )
         self.order = tuple(order)
 
     def record(self, example: MeasuredExample) -> None:
         """Append an example; it is on the disk when this returns.
 
         Raises:
-            JournalNotWritable: if it can't be written. The journal is then as it was before.
+            NotWritable: if it can't be written. The journal is then as it was before.
         """
-        with _journal_errors():
-            self._lines.append(
-                {
-                    "row": example.row,
-                    "pose": example.pose.tolist(),
-                    "square_sums": list(example.square_sums),
-                    "joint_positions": example.joint_positions.tolist(),
-                }
-            )
+        self._log.append(
+            {
+                "row": example.row,
+                "pose": example.pose.tolist(),
+                "square_sums": list(example.square_sums),
+                "joint_positions": example.joint_positions.tolist(),
+            }
+        )
         self.examples[example.row] = example
 
     def read_again(self) -> None:
@@ -188,10 +173,9 @@ class CollectionJournal:
         For after an interruption, which may come between an example's line and its entry here.
 
         Raises:
-            DamagedJournal: if somebody else has altered the file.
+            DamagedRecord: if somebody else has altered the file.
         """
-        with _journal_errors():
-            self._lines.read_again()
+        self._log.reload()
         self._read()
 
     def dataset(self) -> Dataset:
@@ -222,23 +206,22 @@ class CollectionJournal:
         }
 
     def _read(self) -> None:
-        lines = self._lines.lines
+        records = self._log.records
         self.examples.clear()
-        if not lines:
+        if not records:
             return
-        self._read_first(lines[0])
-        for number, line in enumerate(lines[1:], start=2):
+        self._read_first(records[0])
+        for number, record in enumerate(records[1:], start=2):
             try:
-                example = self._example(line)
+                example = self._example(record)
             except (AnnikError, KeyError, TypeError, ValueError) as error:
-                raise DamagedJournal(
-                    self.path, number, f"it is not an example of this plan ({error})"
-                ) from error
+                problem = f"it is not an example of this plan ({error})"
+                raise self._log.damaged(number, problem) from error
             self.examples[example.row] = example
 
     def _read_first(self, header: Mapping[str, Any]) -> None:
         if not {"order", *self._identity} <= set(header):
-            raise DamagedJournal(self.path, 1, "it is not the beginning of a journal")
+            raise self._log.damaged(1, "it is not the header of a journal")
         names = {
             "format_version": "format version",
             "robot_sha256": "a robot of SHA-256",
@@ -250,7 +233,7 @@ class CollectionJournal:
                 raise JournalMismatch(self.path, name, header[key], self._identity[key])
         order = header["order"]
         if not isinstance(order, list) or sorted(order) != list(range(len(self.plan))):
-            raise DamagedJournal(self.path, 1, "its order is not one of the plan's rows")
+            raise self._log.damaged(1, "its order is not one of the plan's rows")
         self.order = tuple(order)
 
     def _example(self, line: Mapping[str, Any]) -> MeasuredExample:
@@ -279,16 +262,3 @@ def _plain_settings(settings: CollectionSettings) -> dict[str, Any]:
         name: [str(number) for number in value] if isinstance(value, tuple) else str(value)
         for name, value in dataclasses.asdict(settings).items()
     }
-
-
-@contextmanager
-def _journal_errors() -> Iterator[None]:
-    """What is wrong with the file, said with what to do about it."""
-    try:
-        yield
-    except CheckedLinesInUse as error:
-        raise JournalInUse(error.path) from error
-    except DamagedLine as error:
-        raise DamagedJournal(error.path, error.line, error.problem) from error
-    except CheckedLinesNotWritable as error:
-        raise JournalNotWritable(error.path, error.reason) from error

@@ -22,8 +22,9 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from annik_core.errors import NotWritable
 from annik_core.files import write_files_atomically
-from benchmarks.study.errors import StudyError, StudyNotWritable
+from benchmarks.study.errors import StudyError
 
 if TYPE_CHECKING:
     from benchmarks.study.run import StudyOutcome, StudyProgress
@@ -115,7 +116,7 @@ class _Display:
             return run_study(settings, self._folder, workers, on_progress)
 
     def _begin(self, start: StudyProgress) -> None:
-        if start.was_cut_off:
+        if start.truncated:
             self.say(
                 f"the last line of the results in {self._folder} was incomplete and has been "
                 "taken off; its job is run again"
@@ -207,4 +208,4 @@ def _write(folder: Path, contents: Mapping[str, bytes]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         write_files_atomically(folder, contents)
     except OSError as error:
-        raise StudyNotWritable(folder, error.strerror or str(error)) from error
+        raise NotWritable(folder, error.strerror or str(error)) from error

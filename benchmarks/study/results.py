@@ -7,25 +7,16 @@ changed. A job may have several; the last one counts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from annik_core.append_log import (
-    CheckedLines,
-    CheckedLinesInUse,
-    CheckedLinesNotWritable,
-    DamagedLine,
-    digest,
-)
+from annik_core.append_log import AppendLog, digest
 from annik_core.installation import VERSION
 from annik_training.evaluation import ErrorSummary
 from annik_training.fitting.problem import InverseKinematicsSystem
 from benchmarks.jobs.fit_job import FitJob, FitOutcome
-from benchmarks.study.errors import DamagedStudyResults, StudyInUse, StudyNotWritable
 from benchmarks.study.job import JobFailure
 from benchmarks.systems.library import load_system
 
@@ -39,25 +30,24 @@ class StudyResults:
 
     Attributes:
         path: the file.
-        was_cut_off: whether the last line was incomplete, and was taken off.
+        truncated: whether an incomplete last line was removed.
     """
 
     def __init__(self, folder: Path) -> None:
         """Open the results of a folder, which is made if it is not there.
 
         Raises:
-            StudyInUse: if another process has them open.
-            DamagedStudyResults: if a line is not as it was written.
-            StudyNotWritable: if the file can't be opened.
+            InUse: if another process has them open.
+            DamagedRecord: if a line is not as it was written.
+            NotWritable: if the file can't be opened.
         """
         self.path = folder / FILE_NAME
-        with _study_errors():
-            self._lines = CheckedLines(self.path)
-        self.was_cut_off = self._lines.was_cut_off
+        self._log = AppendLog(self.path)
+        self.truncated = self._log.truncated
         try:
             self._by_job = self._index()
         except BaseException:
-            self._lines.close()
+            self._log.close()
             raise
 
     def __enter__(self) -> StudyResults:
@@ -70,7 +60,7 @@ class StudyResults:
         traceback: TracebackType | None,
     ) -> None:
         """Close the file, which unlocks it."""
-        self._lines.close()
+        self._log.close()
 
     def outcome(self, job: FitJob) -> FitOutcome | JobFailure | None:
         """What came out of a job, or None if it was not run."""
@@ -84,52 +74,36 @@ class StudyResults:
             outcome = line["outcome"]
             return FitOutcome(**{**outcome, "error": ErrorSummary(**outcome["error"])})
         except (KeyError, TypeError) as error:
-            raise DamagedStudyResults(
-                self.path, number, "its outcome is not in the form of this annik"
-            ) from error
+            problem = "its outcome is not in the form of this annik"
+            raise self._log.damaged(number, problem) from error
 
     def record(self, job: FitJob, outcome: FitOutcome | JobFailure) -> None:
         """Append an outcome; it is on the disk when this returns.
 
         Raises:
-            StudyNotWritable: if it can't be written. The file is then as it was before.
+            NotWritable: if it can't be written. The file is then as it was before.
         """
         line: dict[str, Any] = {"job": _content(job)}
         if isinstance(outcome, JobFailure):
             line["failure"] = outcome.reason
         else:
             line["outcome"] = asdict(outcome)
-        with _study_errors():
-            self._lines.append(line)
-        self._by_job[_key(job)] = (len(self._lines.lines), line)
+        self._log.append(line)
+        self._by_job[_key(job)] = (len(self._log.records), line)
 
     def read_again(self) -> None:
         """Take the outcomes from the file, as if it were opened now."""
-        with _study_errors():
-            self._lines.read_again()
+        self._log.reload()
         self._by_job = self._index()
 
     def _index(self) -> dict[str, tuple[int, dict[str, Any]]]:
         """Lines by their job, with their numbers."""
         by_job = {}
-        for number, line in enumerate(self._lines.lines, start=1):
+        for number, line in enumerate(self._log.records, start=1):
             if "job" not in line or not {"outcome", "failure"} & set(line):
-                raise DamagedStudyResults(self.path, number, "it is not of a study")
+                raise self._log.damaged(number, "it is not of a study")
             by_job[digest(line["job"])] = (number, line)
         return by_job
-
-
-@contextmanager
-def _study_errors() -> Iterator[None]:
-    """What is wrong with the file, said with what to do about it."""
-    try:
-        yield
-    except CheckedLinesInUse as error:
-        raise StudyInUse(error.path) from error
-    except DamagedLine as error:
-        raise DamagedStudyResults(error.path, error.line, error.problem) from error
-    except CheckedLinesNotWritable as error:
-        raise StudyNotWritable(error.path, error.reason) from error
 
 
 def _content(job: FitJob) -> dict[str, Any]:

@@ -27,14 +27,14 @@ class StudyProgress:
         done: how many have an outcome.
         failed: how many failed in this run.
         done_before: of those done, how many were when this run began.
-        was_cut_off: whether the file of results ended within a line, which was taken off.
+        truncated: whether an incomplete last line was removed from the file of results.
     """
 
     jobs: int
     done: int
     failed: int
     done_before: int
-    was_cut_off: bool
+    truncated: bool
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def run_study(
         def tell() -> None:
             if on_progress is not None:
                 on_progress(
-                    StudyProgress(len(grid.jobs), done, failed, done_before, results.was_cut_off)
+                    StudyProgress(len(grid.jobs), done, failed, done_before, results.truncated)
                 )
 
         tell()

@@ -13,13 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.collection_plans import small_plan
 
-from annik_core.collection.errors import (
-    DamagedJournal,
-    DatasetInTheWay,
-    JournalInUse,
-    JournalMismatch,
-    JournalNotWritable,
-)
+from annik_core.collection.errors import DatasetInTheWay, JournalMismatch
 from annik_core.collection.journal import (
     CollectionJournal,
     MeasuredExample,
@@ -28,6 +22,7 @@ from annik_core.collection.journal import (
 )
 from annik_core.collection.settings import CollectionSettings
 from annik_core.dataset import MEASURED, load_dataset, save_dataset
+from annik_core.errors import DamagedRecord, InUse, NotWritable
 from annik_core.pose import checked_pose
 
 SAMPLES = 4
@@ -116,11 +111,14 @@ def test_a_journal_of_another_plan_or_another_number_of_samples_is_refused(
 ) -> None:
     path = tmp_path / "journal.jsonl"
     written(path, plan)
-    with pytest.raises(JournalMismatch, match="was begun with a plan of SHA-256") as caught:
-        CollectionJournal(path, small_plan(gantry, seed=1), SAMPLES)
+    other = small_plan(gantry, seed=1)
+    with pytest.raises(JournalMismatch) as caught:
+        CollectionJournal(path, other, SAMPLES)
     assert caught.value.journal == plan.content_hash
-    with pytest.raises(JournalMismatch, match="was begun with samples 4, not 5"):
+    assert caught.value.given == other.content_hash
+    with pytest.raises(JournalMismatch) as caught:
         CollectionJournal(path, plan, 5)
+    assert (caught.value.what, caught.value.journal, caught.value.given) == ("samples", 4, 5)
     # It was only looked at.
     with CollectionJournal(path, plan, SAMPLES) as journal:
         assert journal.is_complete
@@ -132,9 +130,9 @@ def test_an_altered_line_is_refused_with_its_number(plan, tmp_path, line) -> Non
     lines = written(path, plan).splitlines(keepends=True)
     lines[line] = lines[line].replace(b"0", b"1", 1)
     path.write_bytes(b"".join(lines))
-    with pytest.raises(DamagedJournal, match=f"line {line + 1}: it is damaged") as caught:
+    with pytest.raises(DamagedRecord) as caught:
         CollectionJournal(path, plan, SAMPLES)
-    assert caught.value.line == line + 1
+    assert (caught.value.path, caught.value.line) == (path, line + 1)
 
 
 @pytest.mark.parametrize(
@@ -161,28 +159,32 @@ def test_a_line_that_is_no_example_of_the_plan_is_refused(plan, tmp_path, change
             "square_sums": list(other.square_sums),
             "joint_positions": other.joint_positions.tolist(),
         }
-        journal._lines.append({**line, **change})
-    with pytest.raises(DamagedJournal, match=problem):
+        journal._log.append({**line, **change})
+    with pytest.raises(DamagedRecord) as caught:
         CollectionJournal(path, plan, SAMPLES)
+    assert caught.value.line == 3
+    assert problem in caught.value.problem
 
 
 def test_a_file_that_is_no_journal_is_refused(plan, tmp_path) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_text(json.dumps({"mine": 1}) + "\n")
-    with pytest.raises(DamagedJournal, match="line 1"):
+    with pytest.raises(DamagedRecord) as caught:
         CollectionJournal(path, plan, SAMPLES)
+    assert caught.value.line == 1
     assert json.loads(path.read_text()) == {"mine": 1}
 
 
 def test_a_journal_is_open_once_and_its_lock_goes_with_the_process(plan, tmp_path) -> None:
     path = tmp_path / "journal.jsonl"
-    with CollectionJournal(path, plan, SAMPLES), pytest.raises(JournalInUse, match="in use"):
+    with CollectionJournal(path, plan, SAMPLES), pytest.raises(InUse) as caught:
         CollectionJournal(path, plan, SAMPLES)
+    assert caught.value.path == path
     # A process that is killed while it has it open.
     script = (
         "import os, sys; from pathlib import Path\n"
-        "from annik_core.append_log import CheckedLines\n"
-        f"lines = CheckedLines(Path({str(path)!r}))\n"
+        "from annik_core.append_log import AppendLog\n"
+        f"log = AppendLog(Path({str(path)!r}))\n"
         "print('open', flush=True); os.kill(os.getpid(), 9)"
     )
     killed = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60)
@@ -192,15 +194,17 @@ def test_a_journal_is_open_once_and_its_lock_goes_with_the_process(plan, tmp_pat
 
 def test_a_folder_that_cannot_be_made_is_an_error_with_a_remedy(plan, tmp_path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(JournalNotWritable, match="check the folder"):
+    with pytest.raises(NotWritable) as caught:
         CollectionJournal(tmp_path / "file" / "journal.jsonl", plan, SAMPLES)
+    assert caught.value.path == tmp_path / "file" / "journal.jsonl"
 
 
 def test_a_dataset_without_a_journal_is_not_overwritten(plan, tmp_path) -> None:
     dataset = tmp_path / "measured.npz"
     dataset.write_bytes(b"of somebody else")
-    with pytest.raises(DatasetInTheWay, match="give another dataset"):
+    with pytest.raises(DatasetInTheWay) as caught:
         open_journal(dataset, plan, SAMPLES)
+    assert caught.value.path == dataset
     assert list(tmp_path.iterdir()) == [dataset]
 
 
