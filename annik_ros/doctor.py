@@ -16,7 +16,7 @@ from annik_core.errors import AnnikError, MissingDependency
 from annik_core.installation import VERSION
 from annik_core.model.artifact import (
     default_model_path,
-    load_artifact,
+    load_model,
     model_path,
     packaged_models,
 )
@@ -118,7 +118,7 @@ def check_models() -> Iterator[Finding]:
     """Every packaged model: its file, its reference answers, its robot."""
     for name in packaged_models():
         try:
-            artifact = load_artifact(model_path(name))
+            artifact = load_model(model_path(name))
         except MissingDependency as error:
             yield Finding(Verdict.NOTE, f"model {name} can't be used", str(error))
         except AnnikError as error:

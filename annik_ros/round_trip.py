@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from statistics import median
 
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from benchmarks.node.client import Client, NoAnswer
 from benchmarks.node.nodes import NodeVariant
 from benchmarks.node.targets import pose_to_bytes
@@ -36,7 +36,7 @@ def round_trip(model: Path) -> tuple[float, float]:
         NoAnswer: if no command arrives within :data:`TIMEOUT`.
     """
     namespace = f"/annik_doctor_{os.getpid()}"
-    robot = load_artifact(model).robot
+    robot = load_model(model).robot
     target = pose_to_bytes(robot.forward_kinematics.poses(robot.joint_box.centre[None])[0])
     with closing(Client()) as client, tempfile.TemporaryDirectory() as folder:
         link = client.link(namespace)

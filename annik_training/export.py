@@ -14,9 +14,9 @@ import torch
 
 from annik_core.files import write_files_atomically
 from annik_core.installation import VERSION
-from annik_core.model.artifact import INPUT_NAME, OUTPUT_NAME, make_session, validated_artifact
+from annik_core.model.artifact import INPUT_NAME, OUTPUT_NAME, checked_model, make_session
 from annik_core.model.errors import ArtifactError, ArtifactNotWritable
-from annik_core.model.metadata import FORMAT_VERSION, ArtifactMetadata
+from annik_core.model.metadata import FORMAT_VERSION, ModelMetadata
 from annik_core.pose import FloatArray
 from annik_training.designs.sampling import compute_random_dataset
 from annik_training.evaluation import Evaluation
@@ -45,7 +45,7 @@ _REFERENCE_POSES = 8
 _PROOF_POSES = 257
 
 
-def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> ArtifactMetadata:
+def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> ModelMetadata:
     """Write a model file; an existing one is replaced only by a proven new one.
 
     Args:
@@ -74,7 +74,7 @@ def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> A
     edge = fitted.dataset.poses
     prove_export(fitted.network, content, np.concatenate([proof.poses, edge]), path)
     # What a node would refuse is not worth writing.
-    validated_artifact(content, path)
+    checked_model(content, path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_files_atomically(path.parent, {path.name: content})
@@ -153,13 +153,13 @@ def prove_export(
         raise ExportMismatch(path, difference, EXPORT_TOLERANCE)
 
 
-def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ArtifactMetadata:
+def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ModelMetadata:
     dataset = fitted.dataset
     robot = dataset.robot
     references = compute_random_dataset(
         robot, robot.joint_box, _REFERENCE_POSES, fitted.options.seed + 1
     ).poses
-    return ArtifactMetadata(
+    return ModelMetadata(
         format_version=FORMAT_VERSION,
         package_version=VERSION,
         robot=dict(robot.definition),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot, packaged_robots
 from annik_training.designs.sampling import compute_dataset, compute_random_dataset
 from annik_training.fitting.options import ARM_OPTIONS
@@ -88,7 +88,7 @@ def _measured(name: str, examples: int, targets: int, paths: int) -> tuple[str, 
     steps = answers.newton_steps[np.isfinite(answers.joint_positions).all(axis=1)]
     verifier = Verifier(robot_problem(robot))
     verified = verifier.verified(answers.joint_positions, unseen.poses)
-    refined = our_solvers(load_artifact(model))[-1]
+    refined = our_solvers(load_model(model))[-1]
     followed, _ = straight_paths(robot, paths, _POINTS, np.random.default_rng(_TARGET_SEED))
     on_paths = measure_paths([refined], followed, verifier)[refined.name]
     errors = trained.evaluation.position_error

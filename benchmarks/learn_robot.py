@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import MEASURED, Dataset
-from annik_core.model.artifact import ModelArtifact, load_artifact
+from annik_core.model.artifact import Model, load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.solver.ik_solver import IkSolver
@@ -107,13 +107,13 @@ def _one_robot(seed: int) -> dict[str, str]:
     targets = _poses(
         *robot.pose(rng.uniform(box.lower + _MARGIN, box.upper - _MARGIN, (HELD_OUT, 6)))
     )
-    nominal = load_artifact("ur5e")
+    nominal = load_model("ur5e")
     row = {"nothing: the nominal model": _errors(nominal, robot, targets)[0]}
     main_dataset = _measured_dataset(robot, "sobol", 102, seed)
     learned = learn_robot(main_dataset)
     path = ROOT / "build" / "learn_robot" / f"{seed}.onnx"
     train(compute_dataset(learned.robot, "sobol", 512, 0), path, ARM_OPTIONS)
-    served = load_artifact(path)
+    served = load_model(path)
     row["**102 Sobol examples**"], within = _errors(served, robot, targets)
     row["positions and orientations within the stated 95 % bound [%]"] = within
     for name, dataset, options in (
@@ -144,7 +144,7 @@ def _one_robot(seed: int) -> dict[str, str]:
     return row
 
 
-def _served(artifact: ModelArtifact, learned: LearnedRobot) -> ModelArtifact:
+def _served(artifact: Model, learned: LearnedRobot) -> Model:
     """The same network as a start, for another learned robot."""
     return replace(artifact, robot=learned.robot)
 
@@ -179,7 +179,7 @@ def _with_outliers(dataset: Dataset, seed: int) -> Dataset:
     return replace(dataset, poses=poses)
 
 
-def _errors(artifact: ModelArtifact, robot: PerturbedUr5e, targets: FloatArray) -> tuple[str, str]:
+def _errors(artifact: Model, robot: PerturbedUr5e, targets: FloatArray) -> tuple[str, str]:
     """Errors of the commanded robot, and the part of the poses within the stated bounds."""
     solver = IkSolver(artifact)
     results = [solver.solve(target) for target in targets]

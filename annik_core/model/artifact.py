@@ -21,11 +21,11 @@ from annik_core.model.errors import (
     ArtifactNotReadable,
     ArtifactSignatureMismatch,
     ArtifactTooLarge,
-    InvalidArtifactMetadata,
+    InvalidMetadata,
     NetworkFailed,
     NonFiniteWeights,
 )
-from annik_core.model.metadata import ArtifactMetadata
+from annik_core.model.metadata import ModelMetadata
 from annik_core.model.session import ENCODING, BoundSession, pose_features, session_from_features
 from annik_core.pose import FloatArray
 from annik_core.robots.errors import InvalidRobotDefinition
@@ -74,7 +74,7 @@ _DOUBLE = np.dtype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
-class ModelArtifact:
+class Model:
     """A validated model file, ready to run.
 
     Attributes:
@@ -89,7 +89,7 @@ class ModelArtifact:
 
     path: Path
     sha256: str
-    metadata: ArtifactMetadata
+    metadata: ModelMetadata
     robot: Robot
     session: onnxruntime.InferenceSession
     from_features: BoundSession | None = None
@@ -157,7 +157,7 @@ def model_path(name_or_path: str | Path) -> Path:
     return Path(name_or_path)
 
 
-def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> ModelArtifact:
+def load_model(path: str | Path, expected_robot: Robot | None = None) -> Model:
     """Read a model file and check all of it.
 
     Args:
@@ -173,9 +173,9 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
             subgraphs, or numbers of other types than a network needs.
         ArtifactHasExternalData: if weights are stored elsewhere.
         NonFiniteWeights: if a weight or constant is NaN or infinite.
-        MissingArtifactMetadata: if an entry of the metadata is missing.
+        MissingMetadata: if an entry of the metadata is missing.
         UnsupportedArtifactVersion: if the format is another one.
-        InvalidArtifactMetadata: if the metadata contradicts itself, the robot or the network.
+        InvalidMetadata: if the metadata contradicts itself, the robot or the network.
         ArtifactSignatureMismatch: if inputs or outputs are not those of the contract.
         NetworkFailed: if the network has no answer to the reference poses.
         RobotMismatch: if the file is for another robot than expected.
@@ -184,7 +184,7 @@ def load_artifact(path: str | Path, expected_robot: Robot | None = None) -> Mode
     file = model_path(path)
     content = _read(file)
     try:
-        artifact = validated_artifact(content, file)
+        artifact = checked_model(content, file)
     except (ArtifactError, MissingDependency):
         raise
     # The bytes may be anything, and the libraries that read them promise no exceptions. Whatever
@@ -229,20 +229,20 @@ def make_session(content: bytes, path: Path) -> onnxruntime.InferenceSession:
         raise ArtifactNotReadable(path, reason) from error
 
 
-def validated_artifact(content: bytes, path: Path) -> ModelArtifact:
-    """All checks of :func:`load_artifact` on the bytes of a file, which need not be there yet.
+def checked_model(content: bytes, path: Path) -> Model:
+    """All checks of :func:`load_model` on the bytes of a file, which need not be there yet.
 
     Raises:
         ArtifactError: see there.
     """
     model = _parse(content, path)
     _check_graph(model, path)
-    metadata = ArtifactMetadata.from_properties(_properties(model, path), path)
+    metadata = ModelMetadata.from_properties(_properties(model, path), path)
     robot = _robot(metadata, path)
     session = make_session(content, path)
     _check_signature(session, robot, path)
     sha256 = hashlib.sha256(content).hexdigest()
-    artifact = ModelArtifact(path, sha256, metadata, robot, session)
+    artifact = Model(path, sha256, metadata, robot, session)
     _check_references(artifact)
     if metadata.encoding != ENCODING:
         return artifact
@@ -334,16 +334,16 @@ def _properties(model: onnx.ModelProto, path: Path) -> dict[str, str]:
     for entry in model.metadata_props:
         if entry.key in properties:
             # Which of them counts would depend on who reads the file.
-            raise InvalidArtifactMetadata(path, entry.key, "there more than once")
+            raise InvalidMetadata(path, entry.key, "there more than once")
         properties[entry.key] = entry.value
     return properties
 
 
-def _robot(metadata: ArtifactMetadata, path: Path) -> Robot:
+def _robot(metadata: ModelMetadata, path: Path) -> Robot:
     try:
         robot = robot_from_definition(metadata.robot, f"in {path}")
     except InvalidRobotDefinition as error:
-        raise InvalidArtifactMetadata(path, "robot", error.problem) from error
+        raise InvalidMetadata(path, "robot", error.problem) from error
     for key, in_metadata, in_robot in (
         ("robot_hash", metadata.robot_hash, robot.definition_hash),
         ("joint_names", tuple(metadata.joint_names), robot.joint_names),
@@ -353,7 +353,7 @@ def _robot(metadata: ArtifactMetadata, path: Path) -> Robot:
         ("joint_box_upper", metadata.joint_box_upper, robot.joint_box.upper.tolist()),
     ):
         if in_metadata != in_robot:
-            raise InvalidArtifactMetadata(
+            raise InvalidMetadata(
                 path, key, f"{in_metadata} is not what the robot definition gives, {in_robot}"
             )
     return robot
@@ -375,7 +375,7 @@ def _open_dimensions(shape: list[Any]) -> list[Any]:
     return [size if isinstance(size, int) else "n" for size in shape]
 
 
-def _check_references(artifact: ModelArtifact) -> None:
+def _check_references(artifact: Model) -> None:
     poses = np.array(artifact.metadata.reference_poses, dtype=np.float64)
     expected = np.array(artifact.metadata.reference_joint_positions, dtype=np.float64)
     in_batch = artifact.joint_positions(poses)
@@ -386,7 +386,7 @@ def _check_references(artifact: ModelArtifact) -> None:
         bound = np.array([artifact.joint_positions_at(pose) for pose in poses])
         difference = float(np.abs(bound - expected).max())
     if not difference <= REFERENCE_TOLERANCE:
-        raise InvalidArtifactMetadata(
+        raise InvalidMetadata(
             artifact.path,
             "reference_joint_positions",
             f"the network answers the reference poses differently (by {difference}): "

@@ -60,7 +60,7 @@ class UnsupportedArtifactVersion(ArtifactError):
         )
 
 
-class MissingArtifactMetadata(ArtifactError):
+class MissingMetadata(ArtifactError):
     """A key that every model of annik has is not in the file."""
 
     def __init__(self, path: Path, key: str) -> None:
@@ -72,7 +72,7 @@ class MissingArtifactMetadata(ArtifactError):
         )
 
 
-class InvalidArtifactMetadata(ArtifactError):
+class InvalidMetadata(ArtifactError):
     """A metadata entry has the wrong form or contradicts another."""
 
     def __init__(self, path: Path, key: str, problem: str) -> None:

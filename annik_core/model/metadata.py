@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from annik_core.model.errors import (
-    InvalidArtifactMetadata,
-    MissingArtifactMetadata,
+    InvalidMetadata,
+    MissingMetadata,
     UnsupportedArtifactVersion,
 )
 from annik_core.robots.definition import is_numeric
@@ -28,7 +28,7 @@ _PREFIX = "annik."
 
 
 @dataclass(frozen=True)
-class ArtifactMetadata:
+class ModelMetadata:
     """Metadata of a model file.
 
     Attributes:
@@ -91,13 +91,13 @@ class ArtifactMetadata:
         }
 
     @classmethod
-    def from_properties(cls, properties: Mapping[str, str], path: Path) -> ArtifactMetadata:
+    def from_properties(cls, properties: Mapping[str, str], path: Path) -> ModelMetadata:
         """Read the entries of the file at ``path``; the version is checked before all others.
 
         Raises:
-            MissingArtifactMetadata: if an entry is missing; names it.
+            MissingMetadata: if an entry is missing; names it.
             UnsupportedArtifactVersion: if the file is of another format.
-            InvalidArtifactMetadata: if an entry has the wrong form; names it.
+            InvalidMetadata: if an entry has the wrong form; names it.
         """
         version = _entry(properties, "format_version", path)
         if version not in SUPPORTED_VERSIONS:
@@ -105,7 +105,7 @@ class ArtifactMetadata:
         values = {field.name: _entry(properties, field.name, path) for field in fields(cls)}
         for key, kind in _KINDS.items():
             if not isinstance(values[key], kind) or isinstance(values[key], bool):
-                raise InvalidArtifactMetadata(path, key, f"not of type {kind.__name__}")
+                raise InvalidMetadata(path, key, f"not of type {kind.__name__}")
         dof = len(values["joint_names"])
         for key, width in (
             ("joint_box_lower", None),
@@ -115,7 +115,7 @@ class ArtifactMetadata:
         ):
             _check_numbers(values[key], key, width, dof, path)
         if len(values["reference_poses"]) != len(values["reference_joint_positions"]):
-            raise InvalidArtifactMetadata(
+            raise InvalidMetadata(
                 path, "reference_joint_positions", "not one row for each reference pose"
             )
         return cls(**values)
@@ -145,14 +145,14 @@ _KINDS: dict[str, type] = {
 def _entry(properties: Mapping[str, str], key: str, path: Path) -> Any:
     text = properties.get(_PREFIX + key)
     if text is None:
-        raise MissingArtifactMetadata(path, _PREFIX + key)
+        raise MissingMetadata(path, _PREFIX + key)
     try:
         return json.loads(
             text, parse_constant=_finite_float, parse_float=_finite_float, parse_int=_finite_int
         )
     # Text that is not JSON, or, in a damaged file, bytes that are not text.
     except (ValueError, TypeError, RecursionError) as error:
-        raise InvalidArtifactMetadata(path, key, f"not JSON: {error}") from error
+        raise InvalidMetadata(path, key, f"not JSON: {error}") from error
 
 
 def _finite_float(text: str) -> float:
@@ -172,16 +172,16 @@ def _finite_int(text: str) -> int:
 def _check_numbers(value: Any, key: str, width: int | None, dof: int, path: Path) -> None:
     expected = f"({dof},)" if width is None else f"(k, {width})"
     if not is_numeric(value):
-        raise InvalidArtifactMetadata(path, key, f"not numbers of shape {expected}")
+        raise InvalidMetadata(path, key, f"not numbers of shape {expected}")
     try:
         numbers = np.array(value, dtype=np.float64)
     # Rows of different lengths, or far too deep.
     except ValueError as error:
-        raise InvalidArtifactMetadata(path, key, f"not numbers of shape {expected}") from error
+        raise InvalidMetadata(path, key, f"not numbers of shape {expected}") from error
     right_shape = (
         numbers.shape == (dof,)
         if width is None
         else numbers.ndim == 2 and numbers.shape[1] == width and len(numbers) > 0
     )
     if not right_shape:
-        raise InvalidArtifactMetadata(path, key, f"shape {numbers.shape}, not {expected}")
+        raise InvalidMetadata(path, key, f"shape {numbers.shape}, not {expected}")

@@ -138,9 +138,9 @@ class IkServer:
             RobotMismatch: if it is for another robot.
             ArtifactError: if it can't be used.
         """
-        from annik_core.model.artifact import load_artifact
+        from annik_core.model.artifact import load_model
 
-        artifact = load_artifact(path, expected_robot=self.solver.robot)
+        artifact = load_model(path, expected_robot=self.solver.robot)
         self.solver = replace(self.solver, artifact=artifact)
 
     def record_latency(self, latency: float) -> None:

@@ -25,7 +25,7 @@ from annik_core.solver.options import Refined, RefinementOptions
 from annik_core.solver.result import IkResult, IkStatus
 
 if TYPE_CHECKING:
-    from annik_core.model.artifact import ModelArtifact
+    from annik_core.model.artifact import Model
     from annik_core.solver.refinement import Refinement
 
 
@@ -64,7 +64,7 @@ class IkSolver:
             to the target than the network's. Then an answer depends on what came before it.
     """
 
-    artifact: ModelArtifact
+    artifact: Model
     limits: AcceptanceLimits = AcceptanceLimits()
     mode: SolverMode = SolverMode.AUTO
     refinement_options: RefinementOptions = RefinementOptions()
@@ -83,9 +83,9 @@ class IkSolver:
             ArtifactError: if the file can't be used; see :mod:`annik_core.errors`.
         """
         # Not above: a node joins the others before it loads what reads model files.
-        from annik_core.model.artifact import load_artifact
+        from annik_core.model.artifact import load_model
 
-        return cls(load_artifact(path), limits or AcceptanceLimits())
+        return cls(load_model(path), limits or AcceptanceLimits())
 
     @property
     def robot(self) -> Robot:

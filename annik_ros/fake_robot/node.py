@@ -13,7 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from annik_core.errors import AnnikError
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
@@ -182,7 +182,7 @@ def _load(parameters: FakeRobotParameters) -> Robot:
             frames[0], getattr(parameters, frames[0]), "empty beside model, which has its own"
         )
     if parameters.model:
-        return load_artifact(parameters.model).robot
+        return load_model(parameters.model).robot
     return load_robot(
         parameters.robot_description or parameters.robot,
         base_frame=parameters.base_frame or None,

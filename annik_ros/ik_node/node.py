@@ -63,10 +63,10 @@ class Serving:
         Raises:
             AnnikError: if the model can't be used.
         """
-        from annik_core.model.artifact import load_artifact
+        from annik_core.model.artifact import load_model
 
         self._node = node
-        solver = options.solver(load_artifact(_model_path(options)))
+        solver = options.solver(load_model(_model_path(options)))
         robot = solver.robot
         self.measured = MeasuredJointPositions(
             node, robot.joint_names, options.measurement_timeout

@@ -14,7 +14,7 @@ from annik_ros.executor_choice import ExecutorChoice
 from annik_ros.parameters import SMALLEST_LIMIT, parameter
 
 if TYPE_CHECKING:
-    from annik_core.model.artifact import ModelArtifact
+    from annik_core.model.artifact import Model
 
 
 class OnRefusal(Enum):
@@ -258,7 +258,7 @@ class IkNodeParameters:
         names = (entry.name for entry in fields(AcceptanceLimits))
         return AcceptanceLimits(**{name: getattr(self, name) for name in names})
 
-    def solver(self, artifact: ModelArtifact) -> IkSolver:
+    def solver(self, artifact: Model) -> IkSolver:
         """The solver that they describe, for a model."""
         return IkSolver(
             artifact,

@@ -397,12 +397,12 @@ def evaluate(
         return
     if summary is not None:
         raise AnnikError("--summary needs --measured")
-    from annik_core.model.artifact import load_artifact
+    from annik_core.model.artifact import load_model
     from annik_training.cli.plots import error_map
     from annik_training.evaluation import measure, summarise
     from annik_training.train import evaluation_dataset
 
-    artifact = load_artifact(model)
+    artifact = load_model(model)
     errors = measure(artifact.joint_positions, evaluation_dataset(artifact.robot, seed))
     Console().print(
         _evaluation_table(summarise(errors), f"{artifact.path}: {artifact.robot.name}")
@@ -415,12 +415,12 @@ def evaluate(
 def _evaluate_measured(
     model: Path, measured: Path, plot: Path | None, summary: Path | None
 ) -> None:
-    from annik_core.model.artifact import load_artifact
+    from annik_core.model.artifact import load_model
     from annik_training.calibration.validation import evaluate_measured
     from annik_training.cli.calibration_output import evaluation_summary, print_evaluation
     from annik_training.cli.plots import before_and_after
 
-    artifact = load_artifact(model)
+    artifact = load_model(model)
     evaluation = evaluate_measured(artifact.robot, _measured_dataset(measured))
     print_evaluation(evaluation, f"{artifact.path}: {artifact.robot.name}")
     if summary is not None:
@@ -437,9 +437,9 @@ def info(model: Path) -> None:
 
     MODEL is a model file or the name of a packaged model.
     """
-    from annik_core.model.artifact import load_artifact
+    from annik_core.model.artifact import load_model
 
-    artifact = load_artifact(model)
+    artifact = load_model(model)
     table = Table("entry", "value", title=escape(str(model)))
     table.add_row("sha256", artifact.sha256)
     for key, value in vars(artifact.metadata).items():

@@ -12,7 +12,7 @@ import math
 from typing import Protocol, runtime_checkable
 
 from annik_core.installation import VERSION
-from annik_core.model.artifact import ModelArtifact
+from annik_core.model.artifact import Model
 from annik_core.pose import FloatArray
 from annik_core.safety import AcceptanceLimits
 from annik_core.solver.ik_solver import IkSolver, SolverMode
@@ -49,7 +49,7 @@ class _Annik(Peer):
         return self._solver.solve_batch(poses)
 
 
-def our_solvers(artifact: ModelArtifact) -> list[Peer]:
+def our_solvers(artifact: Model) -> list[Peer]:
     """Network and refined, both with the network of one model file."""
     open_limits = AcceptanceLimits(math.inf, math.inf)
     refined = IkSolver(artifact, mode=SolverMode.REFINED)

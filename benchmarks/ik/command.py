@@ -19,7 +19,7 @@ from rich.progress import (
 from annik_core.errors import AnnikError
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.installation import share_directory
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from benchmarks.ik.page import bench_page
 from benchmarks.ik.results import BenchResults, BenchSettings
@@ -80,7 +80,7 @@ def bench_ik_command(
             raise BenchNotWritable(folder, error.strerror or str(error)) from error
     robot = load_robot(robot_name)
     robot_problem(robot)
-    artifact = load_artifact(model or _packaged_model(robot.name), robot)
+    artifact = load_model(model or _packaged_model(robot.name), robot)
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),

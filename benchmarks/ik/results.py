@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from annik_core.installation import share_directory
-from annik_core.model.artifact import ModelArtifact
+from annik_core.model.artifact import Model
 from benchmarks.ik.conditions import Conditions
 from benchmarks.ik.measure import TargetResult
 from benchmarks.ik.measure_alone import AloneResult
@@ -70,7 +70,7 @@ class ModelEntry:
     packaged: bool
 
     @classmethod
-    def of(cls, artifact: ModelArtifact) -> ModelEntry:
+    def of(cls, artifact: Model) -> ModelEntry:
         """The entry of a model file."""
         metadata = artifact.metadata
         return cls(

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from annik_core.model.artifact import ModelArtifact
+from annik_core.model.artifact import Model
 from benchmarks.ik import throughput
 from benchmarks.ik.annik import our_solvers
 from benchmarks.ik.conditions import conditions, load
@@ -27,9 +27,7 @@ WARM_UP = 50
 OnProgress = Callable[[str, int, int], None]
 
 
-def run_bench(
-    artifact: ModelArtifact, settings: BenchSettings, on_progress: OnProgress
-) -> BenchResults:
+def run_bench(artifact: Model, settings: BenchSettings, on_progress: OnProgress) -> BenchResults:
     """Measure all solvers on one robot.
 
     Args:

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
 from annik_core.solver.ik_solver import IkSolver
@@ -31,7 +31,7 @@ def answered_targets(model: str, count: int, rng: np.random.Generator) -> list[b
         count: how many.
         rng: draws them.
     """
-    solver = IkSolver(load_artifact(model))
+    solver = IkSolver(load_model(model))
     found: list[bytes] = []
     while len(found) < count:
         poses = random_poses(solver.robot, count - len(found) + _SPARE, rng)

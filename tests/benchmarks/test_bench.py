@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.cli.commands import cli
@@ -481,13 +481,13 @@ def test_a_robot_without_paths_has_no_table_of_them() -> None:
 
 
 def test_network_and_refined_are_ours(model, ur5e) -> None:
-    network, refined = our_solvers(load_artifact(model))
+    network, refined = our_solvers(load_model(model))
     assert (network.name, refined.name) == (NETWORK, REFINED)
     pose = random_targets(ur5e, 1, np.random.default_rng(1))[0]
     answer = network.solve(pose)
     # However far it is from the target.
     assert answer is not None
-    assert answer == pytest.approx(load_artifact(model).joint_positions(pose[np.newaxis])[0])
+    assert answer == pytest.approx(load_model(model).joint_positions(pose[np.newaxis])[0])
 
 
 def test_command_writes_page_and_data(model, tmp_path, monkeypatch) -> None:

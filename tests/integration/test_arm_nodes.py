@@ -14,7 +14,7 @@ from geometry_msgs.msg import Vector3Stamped
 from sensor_msgs.msg import JointState
 from support.six_joint_arm import BASE, FLANGE, URDF
 
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
@@ -27,7 +27,7 @@ ERRORS = ("tracking_error/position", "tracking_error/orientation")
 
 @pytest.fixture(scope="module")
 def robot(arm_model: Path) -> Robot:
-    return load_artifact(arm_model).robot
+    return load_model(arm_model).robot
 
 
 def _targets(robot: Robot, count: int, seed: int = 0) -> FloatArray:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from annik_core.model.artifact import load_artifact, model_path
+from annik_core.model.artifact import load_model, model_path
 from annik_core.robots.corrections import ArmCorrections, ErrorBound
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
@@ -20,7 +20,7 @@ EXPECTED_ERROR, EXPECTED_ANGLE = 5e-5, 1e-4
 
 def learned_robot() -> Robot:
     """A UR5e with half a millimetre more in each link, and a bound that grows from the middle."""
-    nominal = load_artifact("ur5e").robot
+    nominal = load_model("ur5e").robot
     placements = np.tile([5e-4, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (nominal.dof + 1, 1))
     box = nominal.joint_box
     coefficients = np.zeros((2, 28))

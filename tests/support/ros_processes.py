@@ -44,7 +44,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from annik_core.model.artifact import default_model_path, load_artifact
+from annik_core.model.artifact import default_model_path, load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import robot_from_definition
 from msg_tools.conversions.pose import pose_stamped_to_message, pose_to_message
@@ -337,7 +337,7 @@ class Client:
 def other_robots_model(tmp_path: Path) -> Path:
     """A sound model file of a robot that is the gantry but for the names of its joints."""
     model = onnx.load(default_model_path())
-    definition = copy.deepcopy(dict(load_artifact(default_model_path()).metadata.robot))
+    definition = copy.deepcopy(dict(load_model(default_model_path()).metadata.robot))
     definition["name"] = "other"
     for joint in definition["joints"]:
         joint["name"] = f"other_{joint['name']}"

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from annik_core.dataset import Dataset
-from annik_core.model.artifact import default_model_path, load_artifact
+from annik_core.model.artifact import default_model_path, load_model
 from annik_core.model.errors import ArtifactNotWritable
 from annik_core.robots.robot import Robot
 from annik_training import export as export_onnx
@@ -64,7 +64,7 @@ def test_exported_equals_trained(
 def test_exported_equals_trained_on_the_gimbal_edge(
     dataset: Dataset, fitted: FittedNetwork, exported: Path
 ) -> None:
-    artifact = load_artifact(exported)
+    artifact = load_model(exported)
     answer = artifact.joint_positions(dataset.poses)
     expected = fitted.network.joint_positions(dataset.poses)
     assert answer == pytest.approx(expected, abs=1e-9, rel=0)
@@ -84,7 +84,7 @@ def test_every_number_in_the_graph_is_double_precision(exported: Path) -> None:
 def test_the_file_says_how_it_was_made(
     dataset: Dataset, fitted: FittedNetwork, exported: Path
 ) -> None:
-    metadata = load_artifact(exported).metadata
+    metadata = load_model(exported).metadata
     assert metadata.design == "thirty_phase"
     assert metadata.design_options == {"size": 3}
     assert metadata.examples == 102
@@ -161,7 +161,7 @@ def test_a_linear_path_is_exported(gantry: Robot, dataset: Dataset, tmp_path: Pa
     unseen = evaluation_dataset(gantry, 0)
     path = tmp_path / "model.onnx"
     export_onnx.export_model(fitted, evaluate(fitted.network.joint_positions, unseen), path)
-    artifact = load_artifact(path)
+    artifact = load_model(path)
     answer = artifact.joint_positions(unseen.poses)
     assert answer == pytest.approx(fitted.network.joint_positions(unseen.poses), abs=1e-9, rel=0)
     assert 1e-3 < np.abs(answer - unseen.joint_positions).max() < 0.5
@@ -184,7 +184,7 @@ def test_the_packaged_model_is_what_its_command_makes(gantry: Robot, tmp_path: P
     """
     dataset = compute_dataset(gantry, "thirty_phase", 6, seed=0)
     result = train(dataset, tmp_path / "gantry.onnx", FitOptions())
-    packaged, made = load_artifact(default_model_path()), load_artifact(result.path)
+    packaged, made = load_model(default_model_path()), load_model(result.path)
     assert made.metadata.dataset_hash == packaged.metadata.dataset_hash
     assert made.metadata.fit_options == packaged.metadata.fit_options
     poses = compute_random_dataset(gantry, gantry.joint_box, 2000, seed=77).poses

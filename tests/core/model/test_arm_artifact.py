@@ -15,8 +15,8 @@ import pytest
 from support.six_joint_arm import BASE, BOX, FLANGE, URDF
 
 from annik_core.errors import MissingDependency, RobotMismatch
-from annik_core.model.artifact import load_artifact, model_path, packaged_models
-from annik_core.model.errors import ArtifactNotFound, InvalidArtifactMetadata
+from annik_core.model.artifact import load_model, model_path, packaged_models
+from annik_core.model.errors import ArtifactNotFound, InvalidMetadata
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.solver.ik_solver import IkSolver
@@ -43,7 +43,7 @@ def altered(source: Path, path: Path, **entries: Callable[[Any], Any]) -> Path:
 
 def test_the_robot_comes_back_from_the_model_file(arm_model: Path, known: Robot) -> None:
     """The same hash, kinematics to the last bit, and nothing beside the file is needed."""
-    artifact = load_artifact(arm_model, expected_robot=known)
+    artifact = load_model(arm_model, expected_robot=known)
     robot = artifact.robot
     assert robot.definition_hash == known.definition_hash == artifact.metadata.robot_hash
     assert robot.joint_limits.upper.tolist() == [2.9] * 6
@@ -56,7 +56,7 @@ def test_the_robot_comes_back_from_the_model_file(arm_model: Path, known: Robot)
 
 def test_what_is_barely_trained_answers_exactly(arm_model: Path, known: Robot) -> None:
     """Refined; and no answer leaves the working box."""
-    solver = IkSolver(load_artifact(arm_model))
+    solver = IkSolver(load_model(arm_model))
     share = np.random.default_rng(0).uniform(0.2, 0.8, (50, 6))
     box = known.joint_box
     wanted = box.lower + share * (box.upper - box.lower)
@@ -70,7 +70,7 @@ def test_what_is_barely_trained_answers_exactly(arm_model: Path, known: Robot) -
 def test_another_box_is_another_robot(arm_model: Path) -> None:
     other = load_robot(URDF, base_frame=BASE, end_effector_frame=FLANGE)
     with pytest.raises(RobotMismatch, match="bench_arm"):
-        load_artifact(arm_model, expected_robot=other)
+        load_model(arm_model, expected_robot=other)
 
 
 def _longer(definition: dict[str, Any]) -> dict[str, Any]:
@@ -110,8 +110,8 @@ def test_a_tampered_robot_is_refused(
     """By the hash, or before that where it is no arm any more."""
     path = altered(arm_model, tmp_path / "tampered.onnx", robot=change)
     assert path.read_bytes() != arm_model.read_bytes()
-    with pytest.raises(InvalidArtifactMetadata, match=problem) as caught:
-        load_artifact(path)
+    with pytest.raises(InvalidMetadata, match=problem) as caught:
+        load_model(path)
     assert str(path) in str(caught.value)
 
 
@@ -131,7 +131,7 @@ def test_a_tampered_robot_with_its_own_hash_is_another_robot(
         robot_hash=lambda _: forged.definition_hash,
     )
     with pytest.raises(RobotMismatch):
-        load_artifact(path, expected_robot=known)
+        load_model(path, expected_robot=known)
 
 
 def test_without_pinocchio_the_file_is_not_called_damaged(
@@ -140,9 +140,9 @@ def test_without_pinocchio_the_file_is_not_called_damaged(
     """The library is named with what installs it; the gantry's model needs none."""
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     with pytest.raises(MissingDependency, match="needs pinocchio: pip install pin") as caught:
-        load_artifact(arm_model)
+        load_model(arm_model)
     assert "damaged" not in str(caught.value)
-    assert load_artifact("gantry").robot.name == "gantry"
+    assert load_model("gantry").robot.name == "gantry"
 
 
 def test_another_project_of_pinocchios_name_is_told_apart(
@@ -150,7 +150,7 @@ def test_another_project_of_pinocchios_name_is_told_apart(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", type(sys)("pinocchio"))
     with pytest.raises(MissingDependency, match="is another project"):
-        load_artifact(arm_model)
+        load_model(arm_model)
 
 
 def test_a_packaged_model_is_known_by_its_name_and_all_else_is_a_path(
@@ -162,8 +162,8 @@ def test_a_packaged_model_is_known_by_its_name_and_all_else_is_a_path(
     assert "gantry" in packaged_models()
     for name in packaged_models():
         assert model_path(name).name == f"{name}.onnx"
-        assert load_artifact(name).robot.name == name
+        assert load_model(name).robot.name == name
     assert model_path("octopus") == Path("octopus")
     assert model_path("./gantry") == Path("gantry")
     with pytest.raises(ArtifactNotFound, match=re.escape("octopus")):
-        load_artifact("octopus")
+        load_model("octopus")

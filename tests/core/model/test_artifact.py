@@ -19,7 +19,7 @@ from onnx import TensorProto, helper, numpy_helper
 from annik_core.errors import RobotMismatch
 from annik_core.model import artifact as artifact_module
 from annik_core.model import errors
-from annik_core.model.artifact import MAX_FILE_SIZE, default_model_path, load_artifact
+from annik_core.model.artifact import MAX_FILE_SIZE, default_model_path, load_model
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_core.serving.ik_server import IkServer
@@ -53,7 +53,7 @@ def weight(model: onnx.ModelProto) -> TensorProto:
 
 
 def test_the_packaged_model_loads(gantry: Robot) -> None:
-    artifact = load_artifact(default_model_path(), gantry)
+    artifact = load_model(default_model_path(), gantry)
     assert artifact.robot.joint_names == gantry.joint_names
     assert artifact.metadata.examples == 179
     assert len(artifact.sha256) == 64
@@ -61,12 +61,12 @@ def test_the_packaged_model_loads(gantry: Robot) -> None:
 
 def test_no_file(tmp_path: Path) -> None:
     with pytest.raises(errors.ArtifactNotFound, match=r"none\.onnx"):
-        load_artifact(tmp_path / "none.onnx")
+        load_model(tmp_path / "none.onnx")
 
 
 def test_a_folder(tmp_path: Path) -> None:
     with pytest.raises(errors.ArtifactNotReadable, match="can't be read"):
-        load_artifact(tmp_path)
+        load_model(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 a zip", b"pose: 1\n", os.urandom(5000)])
@@ -74,7 +74,7 @@ def test_not_onnx(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "model.onnx"
     path.write_bytes(content)
     with pytest.raises(errors.ArtifactNotReadable, match="not an ONNX file"):
-        load_artifact(path)
+        load_model(path)
 
 
 @given(st.integers(0, len(PACKAGED) - 1))
@@ -83,7 +83,7 @@ def test_truncated_anywhere(tmp_path_factory: pytest.TempPathFactory, length: in
     path = tmp_path_factory.mktemp("cut") / "model.onnx"
     path.write_bytes(PACKAGED[:length])
     with pytest.raises(errors.ArtifactError, match=r"model\.onnx"):
-        load_artifact(path)
+        load_model(path)
 
 
 @given(st.integers(0, len(PACKAGED) - 1), st.integers(1, 255))
@@ -96,7 +96,7 @@ def test_a_changed_byte_never_crashes(
     path = tmp_path_factory.mktemp("changed") / "model.onnx"
     path.write_bytes(bytes(content))
     try:
-        load_artifact(path)
+        load_model(path)
     except errors.ArtifactError as error:
         assert "model.onnx" in str(error)
 
@@ -106,7 +106,7 @@ def test_too_large(tmp_path: Path) -> None:
     with path.open("wb") as file:
         file.truncate(MAX_FILE_SIZE + 1)
     with pytest.raises(errors.ArtifactTooLarge, match="at most"):
-        load_artifact(path)
+        load_model(path)
 
 
 def test_weights_outside_the_file(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_weights_outside_the_file(tmp_path: Path) -> None:
         tensor.external_data.add(key="location", value="weights.bin")
 
     with pytest.raises(errors.ArtifactHasExternalData, match="outside the file"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -128,7 +128,7 @@ def test_a_weight_that_is_not_finite(tmp_path: Path, value: float) -> None:
         tensor.CopyFrom(numpy_helper.from_array(array, tensor.name))
 
     with pytest.raises(errors.NonFiniteWeights, match="not finite"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 @pytest.mark.parametrize(
@@ -142,8 +142,8 @@ def test_an_altered_weight(tmp_path: Path, name: str) -> None:
         array = numpy_helper.to_array(tensor) + 1e-6
         tensor.CopyFrom(numpy_helper.from_array(array, tensor.name))
 
-    with pytest.raises(errors.InvalidArtifactMetadata, match="weights were altered"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+    with pytest.raises(errors.InvalidMetadata, match="weights were altered"):
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 KEYS = sorted(
@@ -157,8 +157,8 @@ def test_a_missing_entry_is_named(tmp_path: Path, key: str) -> None:
     def change(model: onnx.ModelProto) -> None:
         model.metadata_props.remove(entry(model, key))
 
-    with pytest.raises(errors.MissingArtifactMetadata, match=f"annik.{key}"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+    with pytest.raises(errors.MissingMetadata, match=f"annik.{key}"):
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 @pytest.mark.parametrize("key", [key for key in KEYS if key != "format_version"])
@@ -166,23 +166,23 @@ def test_an_entry_of_another_type_is_named(tmp_path: Path, key: str) -> None:
     """A number as text, a list as number: for every entry."""
     loaded = json.loads(entry(onnx.load_model_from_string(PACKAGED), key).value)
     value = 7 if isinstance(loaded, str) else "seven"
-    with pytest.raises(errors.InvalidArtifactMetadata, match=key):
-        load_artifact(with_entry(tmp_path / "model.onnx", key, value))
+    with pytest.raises(errors.InvalidMetadata, match=key):
+        load_model(with_entry(tmp_path / "model.onnx", key, value))
 
 
 def test_an_entry_that_is_not_json(tmp_path: Path) -> None:
     def change(model: onnx.ModelProto) -> None:
         entry(model, "robot").value = "{"
 
-    with pytest.raises(errors.InvalidArtifactMetadata, match="not JSON"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+    with pytest.raises(errors.InvalidMetadata, match="not JSON"):
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 @pytest.mark.parametrize("version", ["0", "2", 1, None])
 def test_another_format_version(tmp_path: Path, version: object) -> None:
     path = with_entry(tmp_path / "model.onnx", "format_version", version)
     with pytest.raises(errors.UnsupportedArtifactVersion, match="reads 1"):
-        load_artifact(path)
+        load_model(path)
 
 
 @pytest.mark.parametrize(
@@ -200,14 +200,14 @@ def test_another_format_version(tmp_path: Path, version: object) -> None:
     ],
 )
 def test_metadata_that_contradicts_itself(tmp_path: Path, key: str, value: object) -> None:
-    with pytest.raises(errors.InvalidArtifactMetadata, match=key):
-        load_artifact(with_entry(tmp_path / "model.onnx", key, value))
+    with pytest.raises(errors.InvalidMetadata, match=key):
+        load_model(with_entry(tmp_path / "model.onnx", key, value))
 
 
 def test_a_robot_that_makes_no_sense(tmp_path: Path) -> None:
     path = with_entry(tmp_path / "model.onnx", "robot", {"kind": "octopus"})
-    with pytest.raises(errors.InvalidArtifactMetadata, match="octopus"):
-        load_artifact(path)
+    with pytest.raises(errors.InvalidMetadata, match="octopus"):
+        load_model(path)
 
 
 @pytest.mark.parametrize("what", ["name", "type", "width"])
@@ -233,7 +233,7 @@ def test_another_signature(tmp_path: Path, what: str) -> None:
         model.graph.CopyFrom(graph)
 
     with pytest.raises(errors.ArtifactSignatureMismatch, match="input is"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_another_output(tmp_path: Path, name: str, kind: int, shape: list[Any]) 
         model.graph.output[0].CopyFrom(output)
 
     with pytest.raises(errors.ArtifactSignatureMismatch, match="output is"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 @pytest.mark.parametrize("batch", [1, 8])
@@ -276,7 +276,7 @@ def test_an_input_for_one_number_of_poses_only(tmp_path: Path, batch: int) -> No
         model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = batch
 
     with pytest.raises(errors.ArtifactSignatureMismatch, match=f"{batch}, 7"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 def test_a_graph_that_onnxruntime_refuses(tmp_path: Path) -> None:
@@ -284,7 +284,7 @@ def test_a_graph_that_onnxruntime_refuses(tmp_path: Path) -> None:
         model.graph.node[-1].input[0] = "nowhere"
 
     with pytest.raises(errors.ArtifactNotReadable, match="onnxruntime"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 def with_node(model: onnx.ModelProto, node: onnx.NodeProto) -> None:
@@ -325,7 +325,7 @@ SPARSE = helper.make_sparse_tensor(
 def test_an_operator_that_no_model_uses(tmp_path: Path, node: onnx.NodeProto) -> None:
     path = altered(tmp_path / "model.onnx", lambda model: with_node(model, node))
     with pytest.raises(errors.ArtifactNotReadable, match=rf"operator '.*{node.op_type}'"):
-        load_artifact(path)
+        load_model(path)
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ def test_an_attribute_that_hides_weights(tmp_path: Path, attribute: onnx.Attribu
         changed.type = kind
         path = altered(tmp_path / "model.onnx", lambda model, node=node: with_node(model, node))
         with pytest.raises(errors.ArtifactNotReadable, match="not numbers or text"):
-            load_artifact(path)
+            load_model(path)
 
 
 @pytest.mark.parametrize(
@@ -357,7 +357,7 @@ def test_a_constant_that_is_not_finite(tmp_path: Path, constant: dict[str, Any])
     node = helper.make_node("Constant", [], ["unused"], **constant)
     path = altered(tmp_path / "model.onnx", lambda model: with_node(model, node))
     with pytest.raises(errors.NonFiniteWeights, match="not finite"):
-        load_artifact(path)
+        load_model(path)
 
 
 def test_a_function_in_the_model(tmp_path: Path) -> None:
@@ -368,7 +368,7 @@ def test_a_function_in_the_model(tmp_path: Path) -> None:
         )
 
     with pytest.raises(errors.ArtifactNotReadable, match="functions"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 def test_a_sparse_weight(tmp_path: Path) -> None:
@@ -376,7 +376,7 @@ def test_a_sparse_weight(tmp_path: Path) -> None:
         tmp_path / "model.onnx", lambda model: model.graph.sparse_initializer.append(SPARSE)
     )
     with pytest.raises(errors.ArtifactNotReadable, match="sparse"):
-        load_artifact(path)
+        load_model(path)
 
 
 @pytest.mark.parametrize("kind", [999, TensorProto.FLOAT16, TensorProto.STRING])
@@ -385,7 +385,7 @@ def test_a_tensor_of_a_type_that_no_model_uses(tmp_path: Path, kind: int) -> Non
         weight(model).data_type = kind
 
     with pytest.raises(errors.ArtifactNotReadable, match=f"of type {kind}"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 def test_an_entry_that_is_there_twice(tmp_path: Path) -> None:
@@ -394,8 +394,8 @@ def test_an_entry_that_is_there_twice(tmp_path: Path) -> None:
     def change(model: onnx.ModelProto) -> None:
         model.metadata_props.add(key="annik.seed", value="1")
 
-    with pytest.raises(errors.InvalidArtifactMetadata, match=r"annik\.seed.*more than once"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+    with pytest.raises(errors.InvalidMetadata, match=r"annik\.seed.*more than once"):
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 @pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999", "9" * 400])
@@ -408,12 +408,12 @@ def test_a_number_in_the_metadata_that_is_not_finite(
     def change(model: onnx.ModelProto) -> None:
         entry(model, key).value = f'{{"deep": [{number}]}}'
 
-    with pytest.raises(errors.InvalidArtifactMetadata, match=f"{key}.*not a finite number"):
-        load_artifact(altered(tmp_path / "model.onnx", change))
+    with pytest.raises(errors.InvalidMetadata, match=f"{key}.*not a finite number"):
+        load_model(altered(tmp_path / "model.onnx", change))
 
 
 def test_metadata_that_is_not_finite_is_not_written() -> None:
-    metadata = load_artifact(default_model_path()).metadata
+    metadata = load_model(default_model_path()).metadata
     with pytest.raises(ValueError, match="JSON"):
         replace(metadata, evaluation={"examples": np.nan}).to_properties()
 
@@ -422,20 +422,20 @@ def test_metadata_that_is_not_finite_is_not_written() -> None:
 def test_a_number_of_the_metadata_of_another_type(tmp_path: Path, number: object) -> None:
     rows = json.loads(entry(onnx.load_model_from_string(PACKAGED), "reference_poses").value)
     rows[0][0] = number
-    with pytest.raises(errors.InvalidArtifactMetadata, match=r"reference_poses.*not numbers"):
-        load_artifact(with_entry(tmp_path / "model.onnx", "reference_poses", rows))
+    with pytest.raises(errors.InvalidMetadata, match=r"reference_poses.*not numbers"):
+        load_model(with_entry(tmp_path / "model.onnx", "reference_poses", rows))
 
 
 @pytest.mark.parametrize("change", [{"kind": []}, {"kind": {}}, {"name": 7}, {"joints": [[]]}])
 def test_a_malformed_robot(tmp_path: Path, gantry: Robot, change: dict[str, Any]) -> None:
     path = with_entry(tmp_path / "model.onnx", "robot", {**gantry.definition, **change})
-    with pytest.raises(errors.InvalidArtifactMetadata, match="'robot'"):
-        load_artifact(path)
+    with pytest.raises(errors.InvalidMetadata, match="'robot'"):
+        load_model(path)
 
 
 def test_a_path_that_can_not_be(tmp_path: Path) -> None:
     with pytest.raises(errors.ArtifactNotFound):
-        load_artifact(f"{tmp_path}/model\0.onnx")
+        load_model(f"{tmp_path}/model\0.onnx")
 
 
 def test_whatever_the_checks_did_not_foresee(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -446,7 +446,7 @@ def test_whatever_the_checks_did_not_foresee(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(artifact_module, "_robot", surprise)
     with pytest.raises(errors.ArtifactNotReadable, match=r"gantry\.onnx.*a library's bug\)"):
-        load_artifact(default_model_path())
+        load_model(default_model_path())
 
 
 class FakeSession:
@@ -477,7 +477,7 @@ FAILURES = pytest.mark.parametrize(
 @FAILURES
 def test_a_network_that_fails_while_it_serves(alone: Callable[[Any], Any]) -> None:
     """The target is refused and counted; the service goes on."""
-    artifact = load_artifact(default_model_path())
+    artifact = load_model(default_model_path())
     pose = np.array(artifact.metadata.reference_poses[0])
     failing = replace(artifact, session=FakeSession(artifact.session, alone), from_features=None)
     with pytest.raises(errors.NetworkFailed, match=r"gantry\.onnx: the network fails"):
@@ -496,7 +496,7 @@ def test_a_network_that_answers_batches_only(
         artifact_module, "make_session", lambda *given: FakeSession(original(*given), alone)
     )
     with pytest.raises(errors.NetworkFailed, match="the network fails"):
-        load_artifact(default_model_path())
+        load_model(default_model_path())
 
 
 def test_a_network_that_answers_differently_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -506,8 +506,8 @@ def test_a_network_that_answers_differently_alone(monkeypatch: pytest.MonkeyPatc
         "make_session",
         lambda *given: FakeSession(original(*given), lambda answer: answer + 1e-8),
     )
-    with pytest.raises(errors.InvalidArtifactMetadata, match=r"answers .* differently"):
-        load_artifact(default_model_path())
+    with pytest.raises(errors.InvalidMetadata, match=r"answers .* differently"):
+        load_model(default_model_path())
 
 
 def test_another_robot_of_the_same_name(gantry: Robot) -> None:
@@ -515,11 +515,11 @@ def test_another_robot_of_the_same_name(gantry: Robot) -> None:
     other = robot_from_definition({**gantry.definition, "base_frame": "world"}, "test")
     hashes = rf"{gantry.definition_hash[:12]}.*{other.definition_hash[:12]}"
     with pytest.raises(RobotMismatch, match=rf"robot gantry .*{hashes}"):
-        load_artifact(default_model_path(), other)
+        load_model(default_model_path(), other)
 
 
 def test_the_model_of_another_robot(gantry: Robot) -> None:
     """Both robots are named."""
     other = robot_from_definition({**gantry.definition, "name": "portal"}, "test")
     with pytest.raises(RobotMismatch, match=r"belongs to robot gantry .*, not to portal"):
-        load_artifact(default_model_path(), other)
+        load_model(default_model_path(), other)

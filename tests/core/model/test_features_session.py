@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from annik_core.model.artifact import (
     REFERENCE_TOLERANCE,
     default_model_path,
-    load_artifact,
+    load_model,
     make_session,
 )
 from annik_core.model.session import BoundSession, session_from_features
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 
-ARTIFACT = load_artifact(default_model_path())
+ARTIFACT = load_model(default_model_path())
 _COORDINATE = st.floats(0.2, 0.9)
 
 
@@ -49,7 +49,7 @@ def test_the_gantrys_graph_is_cut_and_an_arms_is_not() -> None:
     """The arm's encoding is short."""
     assert isinstance(ARTIFACT.from_features, BoundSession)
     pytest.importorskip("pinocchio")
-    assert load_artifact("ur5e").from_features is None
+    assert load_model("ur5e").from_features is None
 
 
 def test_a_graph_that_computes_something_else_is_run_whole() -> None:

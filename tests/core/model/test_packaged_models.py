@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from annik_core.model.artifact import load_artifact, packaged_models
+from annik_core.model.artifact import load_model, packaged_models
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot, packaged_robots
 from annik_core.solver.ik_solver import IkSolver
@@ -20,7 +20,7 @@ def test_every_packaged_robot_has_a_model() -> None:
 @pytest.mark.parametrize("name", packaged_robots())
 def test_a_packaged_model_is_of_the_packaged_robot(name: str) -> None:
     """A change of a robot's definition asks for ``./run bench arms``."""
-    load_artifact(name, expected_robot=load_robot(name))
+    load_model(name, expected_robot=load_robot(name))
 
 
 @pytest.mark.parametrize("name", ARMS)

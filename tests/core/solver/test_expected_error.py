@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.learned_model import EXPECTED_ANGLE, EXPECTED_ERROR, write_learned_model
 
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.safety import AcceptanceLimits, InvalidAcceptanceLimit, expected_error_violation
 from annik_core.solver.ik_solver import IkSolver
 from annik_core.solver.result import IkStatus
@@ -19,7 +19,7 @@ from annik_core.solver.result import IkStatus
 def solver(tmp_path_factory: pytest.TempPathFactory) -> IkSolver:
     path = tmp_path_factory.mktemp("learned") / "learned.onnx"
     write_learned_model(path)
-    return IkSolver(load_artifact(path))
+    return IkSolver(load_model(path))
 
 
 def test_the_answer_is_for_the_learned_robot_and_states_its_error(solver: IkSolver) -> None:
@@ -68,7 +68,7 @@ def test_outside_the_box_it_states_what_it_states_at_its_face(solver: IkSolver) 
 
 
 def test_of_a_model_that_was_not_learned_nobody_knows() -> None:
-    artifact = load_artifact("ur5e")
+    artifact = load_model("ur5e")
     centre = artifact.robot.joint_box.centre[np.newaxis]
     target = artifact.robot.forward_kinematics.poses(centre)[0]
     result = IkSolver(artifact).solve(target)
@@ -91,6 +91,6 @@ def test_no_limit_accepts_what_nobody_knows() -> None:
 
 
 def test_a_learned_robot_has_the_nominal_hash_of_the_one_described(solver: IkSolver) -> None:
-    nominal = load_artifact("ur5e").robot
+    nominal = load_model("ur5e").robot
     assert solver.robot.definition_hash != nominal.definition_hash
     assert solver.robot.nominal_hash == nominal.nominal_hash == nominal.definition_hash

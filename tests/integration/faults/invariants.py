@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray
 from support.ros_processes import TIMEOUT, Client
 from trajectory_msgs.msg import JointTrajectory
 
-from annik_core.model.artifact import default_model_path, load_artifact
+from annik_core.model.artifact import default_model_path, load_model
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 from annik_core.robots.robot import Robot
 from msg_tools.conversions.pose import pose_from_message, pose_to_message
@@ -76,7 +76,7 @@ def settled(client: Client) -> int:
 
 def gantry_robot() -> Robot:
     """The robot of the packaged model."""
-    return load_artifact(default_model_path()).robot
+    return load_model(default_model_path()).robot
 
 
 @dataclass(frozen=True)

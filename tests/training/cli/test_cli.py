@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from annik_core.errors import AnnikError
 from annik_core.installation import share_directory
-from annik_core.model.artifact import default_model_path, load_artifact
+from annik_core.model.artifact import default_model_path, load_model
 from annik_training.cli.commands import ConflictingOptions, cli, main
 from annik_training.designs.registry import DESIGNS
 from annik_training.fitting.options import FitOptions
@@ -270,7 +270,7 @@ def test_an_affine_robot_is_trained_exactly_on_seven_examples(tmp_path: Path) ->
     assert (written["examples"], written["held_out_examples"]) == (7, 0)
     assert [restart["held_out_error"] for restart in written["restarts"]] == [None]
     assert written["evaluation"]["position_error_m"]["max"] < 1e-6
-    assert load_artifact(model).metadata.fit_options["linear_path"] is True
+    assert load_model(model).metadata.fit_options["linear_path"] is True
 
 
 def test_how_to_fit_can_be_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

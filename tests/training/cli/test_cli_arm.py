@@ -16,7 +16,7 @@ from support.six_joint_arm import BASE, BOX, FLANGE, FRAMES, JOINT_BOX, JOINTS, 
 
 from annik_core.dataset import Dataset
 from annik_core.errors import AnnikError
-from annik_core.model.artifact import load_artifact
+from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.cli.commands import ConflictingOptions, cli, main
@@ -48,7 +48,7 @@ def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_an_arm_is_trained_from_its_urdf(arm_model: Path) -> None:
     """Frames and box are those given; the summary and the output say what came of it."""
-    artifact = load_artifact(arm_model)
+    artifact = load_model(arm_model)
     robot, metadata = artifact.robot, artifact.metadata
     assert (robot.name, robot.kind, robot.joint_names) == ("bench_arm", "arm", JOINTS)
     assert (robot.base_frame, robot.end_effector_frame) == (BASE, FLANGE)

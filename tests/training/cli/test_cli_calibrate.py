@@ -19,8 +19,8 @@ from support.imperfect_ur5e import ImperfectUr5e, measured, measured_ur5e
 
 from annik_core.dataset import save_dataset
 from annik_core.errors import RobotMismatch
-from annik_core.model.artifact import load_artifact
-from annik_core.model.errors import InvalidArtifactMetadata
+from annik_core.model.artifact import load_model
+from annik_core.model.errors import InvalidMetadata
 from annik_core.robots.library import load_robot
 from annik_core.solver.ik_solver import IkSolver
 from annik_core.solver.result import IkStatus
@@ -104,7 +104,7 @@ class TestFit:
     """The model file that comes of measured poses."""
 
     def test_carries_the_learned_robot(self, made: Made) -> None:
-        robot = load_artifact(made.model).robot
+        robot = load_model(made.model).robot
         joint_positions = UR5E.joint_box.sample(300, np.random.default_rng(7))
         away = np.linalg.norm(
             robot.forward_kinematics.poses(joint_positions)[:, :3]
@@ -118,7 +118,7 @@ class TestFit:
 
     def test_answers_with_the_learned_robot(self, made: Made) -> None:
         """The true robot is where it was told to be, but for what is not known of it."""
-        solver = IkSolver(load_artifact(made.model))
+        solver = IkSolver(load_model(made.model))
         share = np.random.default_rng(0).uniform(0.2, 0.8, (20, 6))
         box = UR5E.joint_box
         targets = UR5E.forward_kinematics.poses(box.lower + share * (box.upper - box.lower))
@@ -195,15 +195,15 @@ class TestTampering:
                 definition["corrections"][entry] = value
                 prop.value = json.dumps(definition)
         onnx.save(model, tmp_path / "tampered.onnx")
-        with pytest.raises(InvalidArtifactMetadata, match=problem):
-            load_artifact(tmp_path / "tampered.onnx")
+        with pytest.raises(InvalidMetadata, match=problem):
+            load_model(tmp_path / "tampered.onnx")
 
     def test_as_described_and_as_learned_it_is_one_robot(self, made: Made) -> None:
         """So that a node takes either in place of the other; but none of another arm."""
-        learned = load_artifact(made.model, expected_robot=UR5E).robot
+        learned = load_model(made.model, expected_robot=UR5E).robot
         assert learned.nominal_hash == UR5E.definition_hash != learned.definition_hash
         with pytest.raises(RobotMismatch, match="ur5e"):
-            load_artifact(made.model, expected_robot=load_artifact("panda").robot)
+            load_model(made.model, expected_robot=load_model("panda").robot)
 
 
 class TestEvaluate:
