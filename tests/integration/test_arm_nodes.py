@@ -70,9 +70,7 @@ def test_an_arm_follows_its_targets_exactly_and_inside_the_working_box(
         ("by_model", ("-p", f"model:={arm_model}")),
         ("by_description", described),
     ):
-        launch(
-            "fake_robot_node", *known_by, "-r", f"__ns:=/{namespace}", *same_topics, ready=False
-        )
+        launch("fake_robot", *known_by, "-r", f"__ns:=/{namespace}", *same_topics, ready=False)
     topics = [f"{name}/{topic}" for name in ("by_model", "by_description") for topic in ERRORS]
     for topic in topics:
         client.listen(topic, Vector3Stamped)
@@ -179,7 +177,7 @@ def test_a_fake_robot_stands_in_for_a_packaged_arm(
     ur5e = load_robot("ur5e")
     middle = ur5e.joint_box.centre
     pose = _pose(ur5e, middle)
-    launch("fake_robot_node", "-p", "robot:=ur5e", ready=False)
+    launch("fake_robot", "-p", "robot:=ur5e", ready=False)
 
     def measured() -> bool:
         for stamp, positions in ((1, middle + 9.0), (2, middle)):
@@ -204,7 +202,7 @@ def test_a_robot_description_without_the_frames_that_it_needs_ends_the_fake_robo
     launch: Callable[..., Any], tmp_path: Path
 ) -> None:
     """One line that says which to give, exit code 1."""
-    node = launch("fake_robot_node", *_described(tmp_path), ready=False)
+    node = launch("fake_robot", *_described(tmp_path), ready=False)
     assert node.wait_for_exit() == 1
     (fatal,) = [line for line in node.log.splitlines() if "[FATAL]" in line]
     assert "give end_effector_frame, one of its links, such as left_finger" in fatal
@@ -213,8 +211,7 @@ def test_a_robot_description_without_the_frames_that_it_needs_ends_the_fake_robo
 
 def test_both_nodes_know_packaged_models_by_their_names(launch: Callable[..., Any]) -> None:
     nodes = [
-        launch(module, "-p", "model:=gantry", ready=False)
-        for module in ("ik_node", "fake_robot_node")
+        launch(module, "-p", "model:=gantry", ready=False) for module in ("ik_node", "fake_robot")
     ]
     nodes[0].wait_for_line("models/gantry.onnx for robot gantry")
     nodes[1].wait_for_line("fake robot gantry")

@@ -174,7 +174,7 @@ def _unusable_models(folder: Path) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize("fault", ["missing", "truncated", "not ONNX", "empty", "a folder"])
-@pytest.mark.parametrize("module", ["ik_node", "fake_robot_node"])
+@pytest.mark.parametrize("module", ["ik_node", "fake_robot"])
 def test_a_node_does_not_start_with_an_unusable_model(
     launch: Callable[..., Any], tmp_path: Path, module: str, fault: str
 ) -> None:
@@ -195,7 +195,7 @@ def test_a_node_does_not_start_with_an_unusable_model(
         ("ik_node", ["-p", "queue_depth:=1.5"], "queue_depth is 1.5"),
         ("ik_node", ["-p", "model:=5"], "model is 5; it must be a string"),
         ("ik_node", ["-p", "model"], "model"),
-        ("fake_robot_node", ["-p", "robot:=octopus"], "no robot 'octopus'"),
+        ("fake_robot", ["-p", "robot:=octopus"], "no robot 'octopus'"),
         ("target_publisher", ["-p", "rate:=0"], "rate is 0; it must be a double from 0.001"),
         ("target_publisher", ["-p", "path:=spiral"], "one of diagonal, line, circle, csv"),
         ("target_publisher", ["-p", "circle_centre:=[1.0]"], "3 finite numbers [m]"),
@@ -247,7 +247,7 @@ def test_the_fake_robot_refuses_bad_commands_and_stays_where_it_was(
     """Each is named, counted, and gives no joint state; shuffled and extra joints are fine."""
     robot = load_robot("gantry")
     names, middle = robot.joint_names, robot.joint_box.centre.tolist()
-    node = launch("fake_robot_node")
+    node = launch("fake_robot")
     client.wait_until(lambda: _robot_listens(client), "the robot")
     unequal = JointState(name=list(names), position=middle[:5])
     bad = [
@@ -295,7 +295,7 @@ def test_a_stamp_that_is_none_is_refused_and_the_fake_robot_goes_on(
     robot = load_robot("gantry")
     middle = robot.joint_box.centre
     pose = robot.forward_kinematics.poses(middle[np.newaxis])[0]
-    node = launch("fake_robot_node")
+    node = launch("fake_robot")
     client.wait_until(lambda: _robot_listens(client), "the robot")
     messages = {
         "command": _command(robot.joint_names, middle.tolist(), 1),
@@ -335,7 +335,7 @@ def test_the_fake_robot_pairs_in_either_order_and_ignores_bad_targets(
     """The target may come after its result; one that is no pose is passed over."""
     robot = load_robot("gantry")
     pose = robot.forward_kinematics.poses(robot.joint_box.centre[np.newaxis])[0]
-    node = launch("fake_robot_node")
+    node = launch("fake_robot")
     client.wait_until(lambda: _robot_listens(client), "the robot")
     stamp = 0
 

@@ -65,7 +65,7 @@ def start_robot(launch: Callable[..., Any]) -> Callable[..., Any]:
             **NOISELESS,
             **parameters,
         }
-        return launch("fake_robot_node", *_arguments(given))
+        return launch("fake_robot", *_arguments(given))
 
     return start
 
@@ -359,9 +359,13 @@ def test_others_who_command_the_robot_are_warned_of_where_topics_are_remapped_to
 ) -> None:
     remapped = ("-r", "joint_command:=arm_command")
     client.node.create_publisher(JointState, "arm_command", 1)
-    robot = {"robot": "ur5e", "imperfection_seed": SEED, "measurement_rate": 200.0}
-    launch("fake_robot_node", *_arguments({**robot, **NOISELESS}), *remapped)
     given = {"plan": plan_file, "dataset": tmp_path / "measured.npz", **QUICK}
     collector = launch("example_collector", *_arguments(given), *remapped)
+    # It looks for others once there is a robot; by then they have met.
+    client.wait_until(
+        lambda: client.node.count_publishers("arm_command") == 2, "the collector's publisher"
+    )
+    robot = {"robot": "ur5e", "imperfection_seed": SEED, "measurement_rate": 200.0}
+    launch("fake_robot", *_arguments({**robot, **NOISELESS}), *remapped)
     assert collector.wait_for_exit(TIMEOUT) == 0, collector.log
     assert "others publish /arm_command too" in collector.log

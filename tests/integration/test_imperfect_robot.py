@@ -63,7 +63,7 @@ def test_a_tracker_measures_at_its_rate_with_its_noise(
     launch: Callable[..., Any], client: Any
 ) -> None:
     """Without any command; joint_states come with each measurement, as the encoders have them."""
-    launch("fake_robot_node", *_arguments(imperfection_seed=5, measurement_rate=100.0))
+    launch("fake_robot", *_arguments(imperfection_seed=5, measurement_rate=100.0))
     client.listen("measured_pose", PoseStamped)
     client.wait_until(lambda: len(client.received["measured_pose"]) >= 400, "400 measurements")
     measured = client.received["measured_pose"]
@@ -91,7 +91,7 @@ def test_dropped_measurements_are_missing_and_counted(
 ) -> None:
     """The joint states come on all the same."""
     launch(
-        "fake_robot_node",
+        "fake_robot",
         *_arguments(imperfection_seed=5, measurement_rate=100.0, dropped_measurements=0.5),
     )
     client.listen("measured_pose", PoseStamped)
@@ -116,7 +116,7 @@ def test_a_seed_is_the_same_arm_after_a_restart_and_another_seed_another(
     """Millimetres from where its description has it, and from the other."""
     achieved = []
     for seed in (5, 5, 6):
-        node = launch("fake_robot_node", *_arguments(imperfection_seed=seed))
+        node = launch("fake_robot", *_arguments(imperfection_seed=seed))
         achieved.append(_achieved(client, MIDDLE))
         node.signal(signal.SIGINT)
         assert node.wait_for_exit() == 0
@@ -133,7 +133,7 @@ def test_the_tracking_error_is_what_the_description_misses_by(
     """Recorded, with measurements in between: every target pairs with its own result."""
     bag = tmp_path / "bag"
     launch("ik_node", "-p", "model:=ur5e", "-p", "queue_depth:=100", "-p", "first_command:=free")
-    launch("fake_robot_node", *_arguments(imperfection_seed=5, measurement_rate=200.0))
+    launch("fake_robot", *_arguments(imperfection_seed=5, measurement_rate=200.0))
     recorder = launch("bag_recorder", "-p", f"output:={bag}")
     contact, *targets = _targets(16)
     client.connect(contact, ERRORS[1])
@@ -170,7 +170,7 @@ def test_the_tracking_error_is_what_the_description_misses_by(
 
 def test_nothing_is_measured_unless_asked_for(launch: Callable[..., Any], client: Any) -> None:
     """And joint_states come with commands only."""
-    launch("fake_robot_node", *_arguments(imperfection_seed=5))
+    launch("fake_robot", *_arguments(imperfection_seed=5))
     _achieved(client, MIDDLE)
     published = client.node.get_publisher_names_and_types_by_node("fake_robot", "/")
     assert "/measured_pose" not in dict(published)
@@ -181,7 +181,7 @@ def test_neither_log_nor_diagnostics_nor_parameters_tell_the_errors(
     launch: Callable[..., Any], client: Any
 ) -> None:
     """What is to be learned is not given away."""
-    node = launch("fake_robot_node", *_arguments(imperfection_seed=5, measurement_rate=100.0))
+    node = launch("fake_robot", *_arguments(imperfection_seed=5, measurement_rate=100.0))
     node.wait_for_line("imperfect fake robot ur5e")
     _achieved(client, MIDDLE)
     _, values = client.wait_for_status("fake_robot", lambda _: True, "any state")
@@ -196,7 +196,7 @@ def test_neither_log_nor_diagnostics_nor_parameters_tell_the_errors(
 
 
 def test_a_file_describes_an_imperfect_arm(launch: Callable[..., Any], client: Any) -> None:
-    launch("fake_robot_node", *_arguments(imperfections="config/imperfect_ur5e.yaml"))
+    launch("fake_robot", *_arguments(imperfections="config/imperfect_ur5e.yaml"))
     distance, _ = pose_distance(MIDDLE_POSE, _achieved(client, MIDDLE))
     assert 0.5e-3 < distance < 50e-3
 
@@ -237,7 +237,7 @@ def test_what_makes_no_imperfect_arm_ends_the_node(
         name: value.format(tmp=tmp_path) if isinstance(value, str) else value
         for name, value in parameters.items()
     }
-    node = launch("fake_robot_node", *_arguments(**given), ready=False)
+    node = launch("fake_robot", *_arguments(**given), ready=False)
     assert node.wait_for_exit() == 1
     (fatal,) = [line for line in node.log.splitlines() if "[FATAL]" in line]
     assert complaint in fatal

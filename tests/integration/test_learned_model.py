@@ -19,7 +19,7 @@ def test_it_says_what_it_is_and_refuses_what_it_is_not_sure_of(
     model = tmp_path / "learned.onnx"
     robot = write_learned_model(model)
     launch("ik_node", "-p", f"model:={model}", "-p", "queue_depth:=100")
-    launch("fake_robot_node", "-p", f"model:={model}")
+    launch("fake_robot", "-p", f"model:={model}")
     edge = robot.joint_box.centre
     near = edge.copy()
     edge[0] = 0.99 * robot.joint_box.upper[0]

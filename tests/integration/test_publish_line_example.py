@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_publish_line(launch: Callable[..., Any], domain: int) -> None:
-    for module in ("ik_node", "fake_robot_node"):
+    for module in ("ik_node", "fake_robot"):
         launch(module)
     result = subprocess.run(
         [sys.executable, "examples/publish_line.py"],

@@ -25,7 +25,7 @@ def test_the_bag_holds_every_target_and_what_came_of_it(
 ) -> None:
     bag = tmp_path / "my_bag"
     launch("ik_node")
-    launch("fake_robot_node")
+    launch("fake_robot")
     recorder = launch("bag_recorder", "-p", f"output:={bag}")
     publisher = launch("target_publisher", "-p", "wait_for_subscribers:=2")
     assert publisher.wait_for_exit() == 0

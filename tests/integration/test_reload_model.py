@@ -89,7 +89,7 @@ def test_commands_for_another_robot_are_refused_by_the_fake_robot(
 ) -> None:
     """The joints have other names, so nothing moves, and both are named."""
     launch("ik_node")
-    robot = launch("fake_robot_node", "-p", f"model:={other_robots_model}")
+    robot = launch("fake_robot", "-p", f"model:={other_robots_model}")
     client.connect(_target(0))
     client.wait_until(lambda: _refused(client, robot), "a refusal")
     assert "it names x_drive_joint" in robot.log

@@ -24,7 +24,7 @@ def test_every_refusal_has_a_meaning() -> None:
 def test_both_nodes_report_what_is_documented(launch: Callable[..., Any], client: Any) -> None:
     """All of it, and nothing else; a refusal of either shows its reason."""
     launch("ik_node", "-p", "expected_rate:=100.0", "-p", "queue_depth:=100")
-    launch("fake_robot_node")
+    launch("fake_robot")
     client.connect(TARGET, "tracking_error/position")
     client.send(UNREACHABLE)
     unusable = client.received["joint_command"][-1]
@@ -44,7 +44,7 @@ def test_both_nodes_have_the_topics_and_services_that_are_documented(
 ) -> None:
     """With these types, besides those that every ROS node has."""
     launch("ik_node")
-    launch("fake_robot_node")
+    launch("fake_robot")
     client.connect(TARGET, "tracking_error/position")
     documented = {f"/{topic.name.lstrip('/')}": topic.type for topic in TOPICS}
     for node in ("ik_node", "fake_robot"):

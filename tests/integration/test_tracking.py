@@ -33,7 +33,7 @@ def test_every_target_is_answered_once_and_its_results_pair_by_stamp(
 ) -> None:
     """Each of 200 targets, sent in a burst, gives one message on every topic with one stamp."""
     launch("ik_node", "-p", "queue_depth:=1000")
-    launch("fake_robot_node")
+    launch("fake_robot")
     client.connect(CONTACT, "tracking_error/orientation")
     targets = diagonal_path(200)
     for target in targets:
@@ -54,7 +54,7 @@ def test_the_tracking_error_is_target_minus_achieved_and_small(
 ) -> None:
     """In the base frame, and within the paper's best claim along the diagonal."""
     launch("ik_node", "-p", "queue_depth:=100")
-    launch("fake_robot_node")
+    launch("fake_robot")
     client.connect(CONTACT, "tracking_error/orientation")
     targets = diagonal_path()
     for target in targets:
@@ -88,7 +88,7 @@ def test_the_orientation_error_is_the_rotation_from_achieved_to_target(
 ) -> None:
     """As a rotation vector in the base frame, of the two poses that are published too."""
     launch("ik_node", "-p", "queue_depth:=100")
-    launch("fake_robot_node")
+    launch("fake_robot")
     client.connect(CONTACT, "tracking_error/orientation")
     targets = diagonal_path()
     for target in targets:
@@ -149,7 +149,7 @@ def test_nodes_end_with_exit_code_0_when_asked_to(
     launch: Callable[..., Any], client: Any, number: signal.Signals
 ) -> None:
     """Within two seconds, in the middle of work, and without a traceback."""
-    nodes = [launch("ik_node"), launch("fake_robot_node")]
+    nodes = [launch("ik_node"), launch("fake_robot")]
     nodes.append(launch("target_publisher", "-p", "loops:=0", "-p", "rate:=500"))
     client.wait_until(lambda: len(client.received["joint_states"]) > 100, "the robot moves")
     start = time.monotonic()
@@ -178,7 +178,7 @@ def test_the_target_publisher_drives_the_robot_along_the_diagonal(
 ) -> None:
     """15 targets, 15 results, exit code 0."""
     launch("ik_node", "-p", "queue_depth:=100")
-    launch("fake_robot_node")
+    launch("fake_robot")
     client.connect(CONTACT, "tracking_error/orientation")
     publisher = launch("target_publisher", "-p", f"stamped:={stamped}", ready=False)
     assert publisher.wait_for_exit() == 0
@@ -196,7 +196,7 @@ def test_nodes_in_a_namespace_talk_to_each_other_only(
     """Two robots side by side: what is sent to one does not move the other."""
     for namespace in ("/left", "/right"):
         launch("ik_node", "-r", f"__ns:={namespace}", ready=False)
-    launch("fake_robot_node", "-r", "__ns:=/left")
+    launch("fake_robot", "-r", "__ns:=/left")
     left, right = make_client(namespace="/left"), make_client(namespace="/right")
     right.connect(diagonal_path(5)[1])
     left.connect(CONTACT, "tracking_error/position")

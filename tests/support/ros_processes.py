@@ -59,7 +59,7 @@ READY_LINES = {
     "bag_recorder": "recording ",
     "example_collector": "measured_pose -> joint_command",
     "ik_node": "target_pose -> joint_command",
-    "fake_robot_node": "joint_command -> joint_states",
+    "fake_robot": "joint_command -> joint_states",
     "target_publisher": "subscriber(s)",
 }
 
@@ -85,7 +85,7 @@ class NodeProcess:
         """Start it.
 
         Args:
-            module: the module of ``annik_ros`` to run.
+            module: the name of the node, a folder of ``annik_ros``.
             arguments: ROS arguments, after ``--ros-args``.
             domain: ROS domain.
             log: the file for its output.
@@ -93,7 +93,7 @@ class NodeProcess:
         """
         self.module = module
         self._log = log
-        command = [sys.executable, "-m", f"annik_ros.{module}"]
+        command = [sys.executable, "-m", f"annik_ros.{module}.node"]
         if arguments:
             command += ["--ros-args", *arguments]
         with log.open("wb") as output:

@@ -114,12 +114,12 @@ class Soak:
             "configured anew": self._configure_anew,
             "simulated time": self._simulate_time,
             "ik_node stopped": lambda: self._stop("ik_node"),
-            "fake_robot stopped": lambda: self._stop("fake_robot_node"),
+            "fake_robot stopped": lambda: self._stop("fake_robot"),
             "ik_node killed": self._kill_the_ik_node,
             "fake_robot killed": self._kill_the_robot,
             "a recording": self._record,
         }
-        for name in ("ik_node", "fake_robot_node"):
+        for name in ("ik_node", "fake_robot"):
             self._start(name)
         self._find_each_other()
 
@@ -193,7 +193,7 @@ class Soak:
                 "-p",
                 f"executor:={self._random.choice(['events', 'single_threaded'])}",
             ),
-            "fake_robot_node": (),
+            "fake_robot": (),
         }[name]
         log = self._folder / f"{self._started:04}_{name}.log"
         self._processes[name] = NodeProcess(name, arguments, self._domain, log)
@@ -427,11 +427,11 @@ class Soak:
 
     def _kill_the_robot(self) -> None:
         self._follow_a_path()
-        self._processes["fake_robot_node"].kill()
+        self._processes["fake_robot"].kill()
         self._follow_a_path()
         self._client.wait_for_results(self._newest(), ["joint_command"])
         self._check_commands()
-        self._start("fake_robot_node")
+        self._start("fake_robot")
         self._find_each_other()
 
     def _record(self) -> None:

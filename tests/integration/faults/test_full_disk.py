@@ -122,7 +122,7 @@ def test_a_log_that_can_not_be_written_stops_nobody(
     """On a full disk, every line of the log is lost, and no target."""
     full = Path("/dev/full")
     ik_node = launch("ik_node", "-p", "queue_depth:=1000", ready=False, log=full)
-    robot = launch("fake_robot_node", ready=False, log=full)
+    robot = launch("fake_robot", ready=False, log=full)
     contacts = connect(client, "tracking_error/orientation")
     for _ in range(3):
         client.send(UNREACHABLE)

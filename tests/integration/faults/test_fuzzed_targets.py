@@ -176,7 +176,7 @@ def test_fuzzed_joint_states_and_commands_move_nothing(
 ) -> None:
     """The ik_node takes none of them for where the robot is, and the fake robot follows none."""
     node = launch("ik_node", "-p", "first_command:=near", "-p", "queue_depth:=1000", ready=False)
-    robot_node = launch("fake_robot_node", "-r", "joint_states:=robot_states", ready=False)
+    robot_node = launch("fake_robot", "-r", "joint_states:=robot_states", ready=False)
     client.listen("robot_states", JointState)
     states = client.node.create_publisher(
         JointState,

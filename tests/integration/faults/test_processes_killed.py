@@ -36,7 +36,7 @@ def test_a_stopped_node_goes_on_where_it_was(launch: Callable[..., Any], client:
     deep = "-p", "queue_depth:=1000"
     nodes = [
         launch("ik_node", *deep, ready=False),
-        launch("fake_robot_node"),
+        launch("fake_robot"),
     ]
     received = connect(client, ERROR)
     contacts = received
@@ -64,7 +64,7 @@ def test_what_is_killed_is_replaced_by_another(launch: Callable[..., Any], clien
     """Either of the two nodes, in the middle of a path: the next target is answered."""
     deep = "-p", "queue_depth:=1000"
     ik_node = launch("ik_node", *deep, ready=False)
-    robot = launch("fake_robot_node")
+    robot = launch("fake_robot")
     received = connect(client, ERROR)
     targets = _follow(client, range(1, 30))
     robot.signal(signal.SIGKILL)
@@ -74,7 +74,7 @@ def test_what_is_killed_is_replaced_by_another(launch: Callable[..., Any], clien
     assert robot.wait_for_exit() == -signal.SIGKILL
     counts = wait_for_counts(client, received + 2 * 59)
     assert counts.refused == 59
-    robot = launch("fake_robot_node")
+    robot = launch("fake_robot")
     targets.append(good_target(100))
     client.connect(good_target(100), ERROR)
 
