@@ -8,52 +8,68 @@ What a command must satisfy beyond the solver's own checks, before it may move a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
 import numpy as np
 
-from annik_core.errors import AnnikError
+from annik_core.errors import InvalidValue
 from annik_core.pose import POSE_FIELDS, FloatArray, Numbers
-
-
-class InvalidAcceptanceLimit(AnnikError):
-    """An acceptance limit is not a positive number."""
-
-    def __init__(self, name: str, value: float) -> None:
-        self.name = name
-        self.value = value
-        super().__init__(f"{name} is {value}; it must be greater than 0 (inf: no limit)")
+from annik_core.settings import check_settings, setting
 
 
 @dataclass(frozen=True)
 class AcceptanceLimits:
-    """What an answer must satisfy to be commanded.
-
-    Attributes:
-        max_position_residual: largest distance from the target [m].
-        max_orientation_residual: largest angle from the target's orientation [rad].
-        max_joint_step: largest change of any joint from the previous command [rad or m].
-        max_expected_error: largest distance between where the model says that the robot goes and
-            where it may really go [m]; see :class:`annik_core.robots.corrections.ErrorBound`.
-        max_expected_orientation_error: likewise the angle [rad].
+    """Limits that a solution must satisfy to be commanded; infinity: no limit.
 
     Raises:
-        InvalidAcceptanceLimit: if a limit is NaN, zero or negative.
+        InvalidValue: if a limit is NaN, zero or negative.
     """
 
-    max_position_residual: float = 1e-3
-    max_orientation_residual: float = 5e-3
-    max_joint_step: float = math.inf
-    max_expected_error: float = math.inf
-    max_expected_orientation_error: float = math.inf
+    max_position_residual: float = setting(
+        1e-3,
+        "Largest distance from the target to the pose of a solution; a solution beyond it is "
+        "refused.",
+        unit="m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_orientation_residual: float = setting(
+        5e-3,
+        "Largest angle from the target to the pose of a solution; a solution beyond it is "
+        "refused.",
+        unit="rad",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_joint_step: float = setting(
+        math.inf,
+        "Largest change of any joint from the previous command, or of the first command from the "
+        "measured joint positions; a solution beyond it is refused.",
+        unit="rad or m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_expected_error: float = setting(
+        math.inf,
+        "With a calibrated robot: largest expected position error of the forward kinematics, a "
+        "bound that 95 of 100 poses stay below; a solution beyond it is refused.",
+        unit="m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_expected_orientation_error: float = setting(
+        math.inf,
+        "With a calibrated robot: largest expected orientation error, likewise.",
+        unit="rad",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
 
     def __post_init__(self) -> None:
-        """Refuse limits that no answer, or any answer, could satisfy."""
-        for name, value in vars(self).items():
-            if not value > 0:
-                raise InvalidAcceptanceLimit(name, value)
+        """Refuse limits that no solution, or any solution, could satisfy."""
+        check_settings(self)
 
 
 def residual_violation(
@@ -136,15 +152,6 @@ def joint_step_violation(
     )
 
 
-class InvalidSafetyLimit(AnnikError):
-    """A limit of the command safety is not one that a command could be held to."""
-
-    def __init__(self, name: str, value: object, allowed: str) -> None:
-        self.name = name
-        self.value = value
-        super().__init__(f"{name} is {value}; it must be {allowed}")
-
-
 class FirstCommandRule(Enum):
     """How the first command after the start is held to where the robot is.
 
@@ -159,47 +166,87 @@ class FirstCommandRule(Enum):
 
 @dataclass(frozen=True)
 class CommandSafety:
-    """Limits on targets and commands.
-
-    Attributes:
-        workspace_box_lower: least x, y, z of a target in the base frame [m].
-        workspace_box_upper: greatest x, y, z [m].
-        max_target_age: oldest that a stamped target may be, or furthest in the future [s].
-        max_joint_velocity: largest joint step from the previous command, by the time since it
-            [rad/s or m/s].
-        shortest_interval: time that commands are taken to be apart where they come closer
-            together, as in a burst [s].
-        max_measured_step: largest distance of a joint from its measured position [rad or m].
-        first_command: how the first command is held to where the robot is.
-        max_first_step: largest distance of a joint in the first command from its measured
-            position [rad or m].
+    """Limits on targets and commands; infinity: no limit.
 
     Raises:
-        InvalidSafetyLimit: if a limit is NaN or negative, or the box is empty.
+        InvalidValue: if a limit is NaN, zero or negative, or the box is empty.
     """
 
-    workspace_box_lower: tuple[float, ...] = (-math.inf,) * 3
-    workspace_box_upper: tuple[float, ...] = (math.inf,) * 3
-    max_target_age: float = math.inf
-    max_joint_velocity: float = math.inf
-    shortest_interval: float = 0.0
-    max_measured_step: float = math.inf
-    first_command: FirstCommandRule = FirstCommandRule.NEAR_IF_MEASURED
-    max_first_step: float = 0.2
+    workspace_box_lower: tuple[float, ...] = setting(
+        (-math.inf,) * 3,
+        "Least x, y, z of a target in the base frame; a target beyond is refused.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+    )
+    workspace_box_upper: tuple[float, ...] = setting(
+        (math.inf,) * 3,
+        "Greatest x, y, z of a target in the base frame; a target beyond is refused.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+    )
+    max_target_age: float = setting(
+        math.inf,
+        "Largest difference of the stamp of a target from the present time, past or future; a "
+        "target beyond it is refused, and so is a stamped target whose stamp is 0.",
+        unit="s",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_joint_velocity: float = setting(
+        math.inf,
+        "Largest change of any joint from the previous command, divided by the time since then; a "
+        "command beyond it is refused.",
+        unit="rad/s or m/s",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    expected_rate: float = setting(
+        0.0,
+        "Expected rate of targets. A lower rate is a diagnostic warning; at a higher rate "
+        "max_joint_velocity takes commands to be 1 / expected_rate apart. 0: unknown.",
+        unit="Hz",
+        minimum=0.0,
+        maximum=100_000.0,
+    )
+    max_measured_step: float = setting(
+        math.inf,
+        "Largest distance of any joint of a command from its measured position, if joint_states "
+        "are received; a command beyond it is refused.",
+        unit="rad or m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    first_command: FirstCommandRule = setting(
+        FirstCommandRule.NEAR_IF_MEASURED,
+        "Whether max_first_step limits the first command after an activation. near_if_measured: "
+        "if joint_states are received; near: always, and without joint_states it is refused; "
+        "free: never.",
+    )
+    max_first_step: float = setting(
+        0.2,
+        "Largest distance of any joint of the first command from its measured position.",
+        unit="rad or m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
 
     def __post_init__(self) -> None:
-        """Refuse limits that make no sense."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, float) and not value >= 0:
-                raise InvalidSafetyLimit(field.name, value, "0 or more")
+        """Refuse limits that no target or command could satisfy."""
+        check_settings(self)
         pairs = zip(self.workspace_box_lower, self.workspace_box_upper, strict=True)
         if not all(low < high for low, high in pairs):
-            raise InvalidSafetyLimit(
+            raise InvalidValue(
                 "workspace_box_lower",
                 self.workspace_box_lower,
                 f"less than workspace_box_upper, {self.workspace_box_upper}, in x, y and z",
             )
+
+    @property
+    def shortest_interval(self) -> float:
+        """Least time that commands are taken to be apart [s]; 0 if the rate is unknown."""
+        return 1.0 / self.expected_rate if self.expected_rate > 0 else 0.0
 
     @cached_property
     def has_workspace_box(self) -> bool:

@@ -34,6 +34,7 @@ SLOW |= {"rclpy", "rosbags.typesys", "torch"}
 LEVELS: Mapping[str, tuple[str, ...]] = {
     "annik_core": (
         "errors",
+        "settings",
         "pose",
         "files",
         "installation",

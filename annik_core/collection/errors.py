@@ -12,16 +12,6 @@ class CollectionError(AnnikError):
     """Examples can't be collected as asked."""
 
 
-class InvalidCollectionSetting(CollectionError):
-    """A setting of a collection is out of range, or contradicts another."""
-
-    def __init__(self, setting: str, value: object, allowed: str) -> None:
-        self.setting = setting
-        self.value = value
-        self.allowed = allowed
-        super().__init__(f"{setting} is {value!r}; it must be {allowed}")
-
-
 class DatasetInTheWay(CollectionError):
     """Where the measured examples are to go is a file that no journal tells of."""
 

@@ -1,102 +1,187 @@
-"""How examples are collected on a robot: speeds, waits, and what is believed."""
+"""Settings of a collection: motion, waiting times, and which measurements are accepted."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
-from annik_core.collection.errors import InvalidCollectionSetting
+from annik_core.errors import InvalidValue
 from annik_core.safety import CommandSafety
+from annik_core.settings import check_settings, setting
 
 
 @dataclass(frozen=True)
 class CollectionSettings:
-    """How a collector drives, waits, measures and gives up.
-
-    Attributes:
-        command_rate: commands per second [Hz].
-        max_joint_velocity: of every joint [rad/s or m/s].
-        max_joint_acceleration: of every joint [rad/s^2 or m/s^2].
-        max_measured_step: largest distance of a measured joint from its command, and from where
-            it was measured before [rad or m]. From half of it on the motion slows down.
-        measurement_timeout: longest silence of the joint states [s].
-        workspace_box_lower: least x, y, z of the end effector in the base frame [m].
-        workspace_box_upper: greatest x, y, z [m].
-        settle_tolerance: how near to its command a joint comes to rest [rad or m].
-        still_tolerance: how far a joint may move while it is said to stand still [rad or m].
-        settle_time: how long it stands still before it is measured [s].
-        settle_timeout: longest wait for that, and for a robot that lags behind [s]; longer than
-            settle_time.
-        samples: measured poses that are averaged for an example.
-        pose_timeout: longest wait for the samples of one measurement [s].
-        max_position_spread: largest distance of a sample from the mean [m].
-        max_orientation_spread: largest angle of a sample from the mean [rad].
-        max_position_deviation: largest distance of the mean from the nominal forward kinematics
-            [m].
-        max_orientation_deviation: largest angle, likewise [rad].
-        max_repeats: how often a measurement is repeated before its example has failed.
-        max_retries: how often an example that failed is driven to again, after all others.
-        max_failures_in_a_row: of examples, before the collection stops; more point to a fault of
-            the set-up.
+    """How a collector moves, waits, measures and gives up.
 
     Raises:
-        InvalidCollectionSetting: if a number is not positive where it must be, or not finite.
-        InvalidSafetyLimit: if the workspace box is empty.
+        InvalidValue: if a setting is out of range or contradicts another.
     """
 
-    command_rate: float = 100.0
-    max_joint_velocity: float = 0.5
-    max_joint_acceleration: float = 1.0
-    max_measured_step: float = 0.2
-    measurement_timeout: float = 0.5
-    workspace_box_lower: tuple[float, ...] = CommandSafety.workspace_box_lower
-    workspace_box_upper: tuple[float, ...] = CommandSafety.workspace_box_upper
-    settle_tolerance: float = 0.005
-    still_tolerance: float = 0.0005
-    settle_time: float = 0.5
-    settle_timeout: float = 10.0
-    samples: int = 10
-    pose_timeout: float = 5.0
-    max_position_spread: float = 0.005
-    max_orientation_spread: float = 0.05
-    max_position_deviation: float = 0.05
-    max_orientation_deviation: float = 0.2
-    max_repeats: int = 3
-    max_retries: int = 2
-    max_failures_in_a_row: int = 5
+    command_rate: float = setting(
+        100.0,
+        "Commands per second, also while the robot stands still.",
+        unit="Hz",
+        minimum=1.0,
+        maximum=1000.0,
+    )
+    max_joint_velocity: float = setting(
+        0.5,
+        "Velocity of the joint that moves furthest; the others arrive at the same time.",
+        unit="rad/s or m/s",
+        minimum=1e-6,
+        maximum=1000.0,
+    )
+    max_joint_acceleration: float = setting(
+        1.0,
+        "Acceleration and deceleration of that joint.",
+        unit="rad/s^2 or m/s^2",
+        minimum=1e-6,
+        maximum=100_000.0,
+    )
+    max_measured_step: float = setting(
+        0.2,
+        "Largest distance of a measured joint from its command, and from its previous "
+        "measurement; beyond it the node stops with exit code 1. From half of it on the motion "
+        "slows down, so that the robot can catch up. Infinity: no limit.",
+        unit="rad or m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    measurement_timeout: float = setting(
+        0.5,
+        "Longest time without joint_states; after it the node stops with exit code 1.",
+        unit="s",
+        minimum=1e-3,
+        maximum=3600.0,
+    )
+    workspace_box_lower: tuple[float, ...] = setting(
+        CommandSafety.workspace_box_lower,
+        "Least x, y, z of the end effector in the base frame, by the forward kinematics, at the "
+        "examples and on the way; an example that can't be reached inside the box is skipped.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+    )
+    workspace_box_upper: tuple[float, ...] = setting(
+        CommandSafety.workspace_box_upper,
+        "Greatest x, y, z, likewise.",
+        unit="m",
+        minimum=-math.inf,
+        maximum=math.inf,
+    )
+    settle_tolerance: float = setting(
+        0.005,
+        "The robot has arrived when no measured joint is further than this from its command.",
+        unit="rad or m",
+        greater_than=0.0,
+        maximum=1000.0,
+    )
+    still_tolerance: float = setting(
+        0.0005,
+        "The robot stands still while no joint moves by more than this. Must exceed the noise of "
+        "the encoders.",
+        unit="rad or m",
+        greater_than=0.0,
+        maximum=1000.0,
+    )
+    settle_time: float = setting(
+        0.5,
+        "How long the robot must stand still before it is measured. Must exceed the latency of "
+        "measured_pose, or poses of the motion are averaged too.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    settle_timeout: float = setting(
+        10.0,
+        "Longest wait for the robot to stand still; after it the example has failed for now. A "
+        "robot that lags behind for this long stops the node. Longer than settle_time.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    samples: int = setting(
+        10,
+        "How many measured poses are averaged for an example. A journal keeps its number.",
+        minimum=1,
+        maximum=100_000,
+    )
+    pose_timeout: float = setting(
+        5.0,
+        "Longest wait for the samples of one measurement.",
+        unit="s",
+        minimum=1e-3,
+        maximum=3600.0,
+    )
+    max_position_spread: float = setting(
+        0.005,
+        "Largest distance of a sample from the mean; beyond it, or if one sample is an outlier, "
+        "the measurement is repeated.",
+        unit="m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_orientation_spread: float = setting(
+        0.05,
+        "Largest angle of a sample from the mean, likewise.",
+        unit="rad",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_position_deviation: float = setting(
+        0.05,
+        "Largest distance of the mean from the nominal forward kinematics; beyond it the "
+        "measurement is repeated.",
+        unit="m",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_orientation_deviation: float = setting(
+        0.2,
+        "Largest angle of the mean from the nominal forward kinematics, likewise.",
+        unit="rad",
+        greater_than=0.0,
+        maximum=math.inf,
+    )
+    max_repeats: int = setting(
+        3,
+        "How often a measurement is repeated before its example has failed for now.",
+        minimum=0,
+        maximum=1000,
+    )
+    max_retries: int = setting(
+        2,
+        "How often a failed example is visited again, after all others.",
+        minimum=0,
+        maximum=1000,
+    )
+    max_failures_in_a_row: int = setting(
+        5,
+        "After this many failed examples in a row the node stops with exit code 1: the set-up is "
+        "at fault.",
+        minimum=1,
+        maximum=1_000_000,
+    )
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
-        if not self.max_measured_step > 0.0:
-            raise InvalidCollectionSetting(
-                "max_measured_step", self.max_measured_step, "more than 0"
-            )
-        for name in ("command_rate", "max_joint_velocity", "max_joint_acceleration"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise InvalidCollectionSetting(name, value, "more than 0, and finite")
-        for name in ("samples", "max_failures_in_a_row"):
-            if getattr(self, name) < 1:
-                raise InvalidCollectionSetting(name, getattr(self, name), "1 or more")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, tuple) and not value >= 0:
-                raise InvalidCollectionSetting(field.name, value, "0 or more")
+        """Refuse settings that are out of range or contradict each other."""
+        check_settings(self)
         if not self.settle_timeout > self.settle_time:
-            raise InvalidCollectionSetting(
+            raise InvalidValue(
                 "settle_timeout", self.settle_timeout, f"more than settle_time, {self.settle_time}"
             )
         _ = self.command_safety
 
     @property
     def spacing(self) -> float:
-        """How far a joint moves from one command to the next at most [rad or m]."""
+        """Largest distance of a joint from one command to the next [rad or m]."""
         return self.max_joint_velocity / self.command_rate
 
     @cached_property
     def command_safety(self) -> CommandSafety:
-        """What every command is held to."""
+        """The limits of every command."""
         return CommandSafety(
             workspace_box_lower=self.workspace_box_lower,
             workspace_box_upper=self.workspace_box_upper,

@@ -5,42 +5,36 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray
-
-
-class InvalidRefinementOption(AnnikError):
-    """An option of the refinement is out of range."""
-
-    def __init__(self, option: str, value: float, allowed: str) -> None:
-        self.option = option
-        self.value = value
-        super().__init__(f"{option} is {value}; allowed: {allowed}")
+from annik_core.settings import check_settings, setting
 
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """How far to polish.
-
-    Attributes:
-        max_newton_steps: most steps for one target, which bounds the time.
-        tolerance: done when the distance [m] and the angle [rad] to the target are at most this.
+    """When a refinement ends.
 
     Raises:
-        InvalidRefinementOption: naming the option and what is allowed.
+        InvalidValue: naming the option and what is allowed.
     """
 
-    max_newton_steps: int = 10
-    tolerance: float = 5e-7
+    max_newton_steps: int = setting(
+        10,
+        "Most iterations of the refinement of one target, which bounds its time; a solution that "
+        "has not converged by then is refused.",
+        minimum=0,
+        maximum=1000,
+    )
+    tolerance: float = setting(
+        5e-7,
+        "The refinement has converged when distance and angle to the target are at most this.",
+        unit="m and rad",
+        minimum=1e-12,
+        maximum=1.0,
+    )
 
     def __post_init__(self) -> None:
-        """Refuse options that make no sense."""
-        if not 0 <= self.max_newton_steps <= 1000:
-            raise InvalidRefinementOption(
-                "max_newton_steps", self.max_newton_steps, "0 to 1000 steps"
-            )
-        if not 1e-12 <= self.tolerance <= 1.0:
-            raise InvalidRefinementOption("tolerance", self.tolerance, "1e-12 to 1 m and rad")
+        """Refuse options out of range."""
+        check_settings(self)
 
 
 class Refined(NamedTuple):

@@ -234,7 +234,7 @@ class IkNodeParameters:
         """Refuse limits that contradict each other.
 
         Raises:
-            InvalidSafetyLimit: naming the one and the other.
+            InvalidValue: naming the one and the other.
         """
         _ = self.command_safety
 
@@ -246,7 +246,7 @@ class IkNodeParameters:
             workspace_box_upper=self.workspace_box_upper,
             max_target_age=self.max_target_age,
             max_joint_velocity=self.max_joint_velocity,
-            shortest_interval=1.0 / self.expected_rate if self.expected_rate > 0 else 0.0,
+            expected_rate=self.expected_rate,
             max_measured_step=self.max_measured_step,
             first_command=FirstCommandRule(self.first_command),
             max_first_step=self.max_first_step,

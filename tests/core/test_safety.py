@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from annik_core.errors import InvalidValue
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 from annik_core.safety import (
     CommandSafety,
     FirstCommandRule,
-    InvalidSafetyLimit,
     age_violation,
     velocity_violation,
 )
@@ -68,8 +68,9 @@ def bench() -> Iterator[Bench]:
 )
 def test_limits_that_make_no_sense_are_refused(changes: dict[str, float]) -> None:
     """At once, and by name."""
-    with pytest.raises(InvalidSafetyLimit, match=next(iter(changes))):
+    with pytest.raises(InvalidValue) as caught:
         replace(CommandSafety(), **changes)
+    assert caught.value.name == next(iter(changes))
 
 
 def test_by_default_a_command_near_the_measured_robot_is_a_first_one(bench: Bench) -> None:
@@ -141,7 +142,7 @@ def test_a_joint_may_not_go_faster_than_its_limit() -> None:
 
 def test_a_burst_counts_as_commands_at_the_expected_rate() -> None:
     """Two targets that arrive together were made one interval apart."""
-    bench = Bench(CommandSafety(max_joint_velocity=0.1, shortest_interval=1.0))
+    bench = Bench(CommandSafety(max_joint_velocity=0.1, expected_rate=1.0))
     assert bench.server.answer(POSES[0]).accepted
     assert bench.server.answer(POSES[1]).accepted
     assert bench.server.answer(POSES[10]).status is IkStatus.JOINT_VELOCITY_TOO_LARGE
@@ -150,7 +151,7 @@ def test_a_burst_counts_as_commands_at_the_expected_rate() -> None:
 @given(
     st.lists(st.floats(-3, 3), min_size=3, max_size=3),
     st.floats(0, 10),
-    st.floats(0, 100),
+    st.floats(0, 100, exclude_min=True),
 )
 def test_the_velocity_is_step_by_time(
     steps: list[float], interval: float, max_joint_velocity: float
