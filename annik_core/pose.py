@@ -175,6 +175,18 @@ def quaternion_from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> lis
     return quaternion if quaternion[3] >= 0.0 else [-part for part in quaternion]
 
 
+def rotation_matrix(quaternion: FloatArray) -> FloatArray:
+    """``(3, 3)`` of a unit quaternion ``(4,)`` x, y, z, w; its columns are the turned axes."""
+    x, y, z, w = quaternion.tolist()
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
 def pose_distance(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How far the achieved poses are from the targets: the norms of :func:`pose_difference`.
 

@@ -1,22 +1,109 @@
-"""Checks on a command: acceptance of a solution, and safety limits against the robot's motion.
+"""What a command must satisfy: its limits, and every check on it, in order.
 
-The checks on an answer, one function each: pure, and told what they need.
-
-What a command must satisfy beyond the solver's own checks, before it may move a robot.
+A solution becomes a command if none of :data:`COMMAND_CHECKS` refuses it. A new check is a member
+of :class:`IkStatus` and a function in that tuple, both at the same place in the order.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from annik_core.errors import InvalidValue
-from annik_core.pose import POSE_FIELDS, FloatArray, Numbers
+from annik_core.pose import POSE_FIELDS, QUATERNION_NORM_TOLERANCE, FloatArray, Numbers
+from annik_core.robots.robot import Robot
 from annik_core.settings import check_settings, setting
+
+
+class IkStatus(Enum):
+    """Outcome of one target, in the order of the checks.
+
+    Everything but ``SUCCESS`` is a refusal: nothing is commanded.
+
+    Attributes:
+        meaning: when a target has this outcome, in one line.
+    """
+
+    meaning: str
+
+    def __new__(cls, value: str, meaning: str) -> IkStatus:
+        """A member whose value is its short name alone."""
+        member = object.__new__(cls)
+        member._value_ = value
+        member.meaning = meaning
+        return member
+
+    SUCCESS = "success", "every check is passed"
+    NOT_ACTIVE = "not active", "the node is configured, but not active"
+    MALFORMED_MESSAGE = (
+        "malformed message",
+        "the bytes are not those of a message of this type, or its stamp has a second or more of "
+        "nanoseconds",
+    )
+    WRONG_FRAME = "wrong frame", "frame_id is neither empty nor the base frame"
+    STALE_TARGET = "stale target", "the stamp is further from now than max_target_age"
+    PATH_LENGTH = "path length", "a path has no pose, or more than max_path_poses"
+    OUTSIDE_WORKSPACE_BOX = (
+        "outside workspace box",
+        "the position is outside workspace_box_lower and _upper",
+    )
+    NOT_FINITE = "not finite", "a number is NaN or infinite"
+    NOT_UNIT_QUATERNION = (
+        "not a unit quaternion",
+        f"the quaternion's norm is not 1 within {QUATERNION_NORM_TOLERANCE:g}",
+    )
+    OUTSIDE_WORKSPACE = "outside workspace", "the robot can't reach the pose"
+    NOT_CONVERGED = (
+        "not converged",
+        "refined mode found no joint positions in the joint box",
+    )
+    JOINT_LIMIT = "joint limit", "the network's solution is outside the joint limits"
+    RESIDUAL_TOO_LARGE = (
+        "residual too large",
+        "the solution is further from the target than max_position_residual or "
+        "max_orientation_residual",
+    )
+    EXPECTED_ERROR_TOO_LARGE = (
+        "expected error too large",
+        "the robot may be further from where the calibrated model has it than max_expected_error "
+        "or max_expected_orientation_error, or how far is unknown",
+    )
+    JOINT_STEP_TOO_LARGE = (
+        "joint step too large",
+        "a joint would move by more than max_joint_step",
+    )
+    JOINT_VELOCITY_TOO_LARGE = (
+        "joint velocity too large",
+        "a joint would move faster than max_joint_velocity",
+    )
+    FIRST_COMMAND_TOO_FAR = (
+        "first command too far",
+        "the first command is further than max_first_step from the measured joint positions, or "
+        "there are none and first_command is near",
+    )
+    TOO_FAR_FROM_MEASURED = (
+        "too far from measured",
+        "the command is further than max_measured_step from the measured joint positions",
+    )
+    SOLVER_FAILED = "solver failed", "an unforeseen error"
+
+
+class Refusal(NamedTuple):
+    """Why a target is refused.
+
+    Attributes:
+        status: which check it failed.
+        reason: one line with the value and the allowed range.
+    """
+
+    status: IkStatus
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -71,85 +158,11 @@ class AcceptanceLimits:
         """Refuse limits that no solution, or any solution, could satisfy."""
         check_settings(self)
 
-
-def residual_violation(
-    position_residual: float, orientation_residual: float, limits: AcceptanceLimits
-) -> str | None:
-    """Why these residuals [m], [rad] are too large, or None. NaN is too large."""
-    if not position_residual <= limits.max_position_residual:
-        return (
-            f"position residual {1e3 * position_residual:.4g} mm exceeds "
-            f"{1e3 * limits.max_position_residual:.4g} mm"
-        )
-    if not orientation_residual <= limits.max_orientation_residual:
-        return (
-            f"orientation residual {math.degrees(orientation_residual):.4g} degrees exceeds "
-            f"{math.degrees(limits.max_orientation_residual):.4g} degrees"
-        )
-    return None
-
-
-def expected_error_violation(
-    position: float, orientation: float, limits: AcceptanceLimits
-) -> str | None:
-    """Why these expected errors [m], [rad] are too large, or None.
-
-    NaN, of a robot that was not measured, is too large for any limit but infinity.
-    """
-    for what, expected, limit, unit, factor in (
-        ("error", position, limits.max_expected_error, "mm", 1e3),
-        (
-            "orientation error",
-            orientation,
-            limits.max_expected_orientation_error,
-            "degrees",
-            math.degrees(1.0),
-        ),
-    ):
-        if math.isinf(limit) or expected <= limit:
-            continue
-        if math.isnan(expected):
-            return (
-                f"expected {what} is limited to {factor * limit:.4g} {unit}, but nobody knows it: "
-                "the model was not learned from measured poses (annik fit)"
-            )
-        return (
-            f"expected {what} {factor * expected:.4g} {unit} exceeds {factor * limit:.4g} {unit}"
-        )
-    return None
-
-
-def largest_step_beyond(
-    limit: float, joint_positions: FloatArray, reference: FloatArray
-) -> tuple[int, float] | None:
-    """Which joint is furthest from ``reference``, both ``(dof,)``, and by how much [rad or m].
-
-    None if no joint is further than ``limit``; if that is infinite, nothing is compared.
-    """
-    if math.isinf(limit):
-        return None
-    steps = np.abs(joint_positions - reference)
-    if (steps <= limit).all():
-        return None
-    joint = int(np.argmax(steps))
-    return joint, float(steps[joint])
-
-
-def joint_step_violation(
-    joint_names: tuple[str, ...],
-    joint_positions: FloatArray,
-    previous: FloatArray,
-    limits: AcceptanceLimits,
-) -> str | None:
-    """Why the step from ``previous`` to ``joint_positions``, both ``(dof,)``, is too large."""
-    excess = largest_step_beyond(limits.max_joint_step, joint_positions, previous)
-    if excess is None:
-        return None
-    joint, step = excess
-    return (
-        f"{joint_names[joint]} would step by {step:.6g}, more than "
-        f"{limits.max_joint_step:.6g} from the previous command"
-    )
+    @cached_property
+    def limits_expected_errors(self) -> bool:
+        """Whether an expected error can be too large."""
+        limits = self.max_expected_error, self.max_expected_orientation_error
+        return not all(map(math.isinf, limits))
 
 
 class FirstCommandRule(Enum):
@@ -254,55 +267,304 @@ class CommandSafety:
         return any(map(math.isfinite, (*self.workspace_box_lower, *self.workspace_box_upper)))
 
 
-def box_violation(pose: Numbers, safety: CommandSafety) -> str | None:
-    """Why the position of a pose ``(7,)`` is outside the workspace box, or None.
+#: Error or residual of which nothing is known: position [m], orientation [rad].
+UNKNOWN = (math.nan, math.nan)
 
-    A pose that is not finite has no violation here: that is another check's to say.
+
+class Candidate:
+    """Joint positions that become a command unless a check refuses them.
+
+    Attributes:
+        robot: the robot that they are for.
+        target: ``(7,)`` a checked pose.
+        joint_positions: ``(dof,)`` [rad or m], exactly the array that is returned.
+        converged: False if the refinement ended short of the target.
+        newton_steps: refinement steps taken; 0 in network mode.
+        known_residuals: the residuals, as far as computed; see :meth:`residuals`.
+    """
+
+    __slots__ = (
+        "_expected_errors",
+        "converged",
+        "joint_positions",
+        "known_residuals",
+        "newton_steps",
+        "robot",
+        "target",
+    )
+
+    def __init__(
+        self,
+        robot: Robot,
+        target: FloatArray,
+        joint_positions: FloatArray,
+        residuals: tuple[float, float] = UNKNOWN,
+        newton_steps: int = 0,
+        converged: bool = True,
+    ) -> None:
+        """See the attributes."""
+        self.robot = robot
+        self.target = target
+        self.joint_positions = joint_positions
+        self.known_residuals = residuals
+        self.newton_steps = newton_steps
+        self.converged = converged
+        self._expected_errors: tuple[float, float] | None = None
+
+    def residuals(self) -> tuple[float, float]:
+        """Distance [m] and angle [rad] to the target, computed when a check first asks."""
+        if self.known_residuals is UNKNOWN:
+            self.known_residuals = self.robot.forward_kinematics.residuals(
+                self.joint_positions, self.target
+            )
+        return self.known_residuals
+
+    def expected_errors(self) -> tuple[float, float]:
+        """How far the real robot may be from the model [m], [rad]; NaN if unknown."""
+        if self._expected_errors is None:
+            bound = self.robot.error_bound
+            self._expected_errors = UNKNOWN if bound is None else bound.at(self.joint_positions)
+        return self._expected_errors
+
+
+class Motion(NamedTuple):
+    """The motion of a running robot that a command continues.
+
+    Attributes:
+        safety: limits on it.
+        interval: time since the previous command [s]; None: this is the first command.
+        measured: ``(dof,)`` measured joint positions [rad or m]; None: unknown, or the command is
+            for a later time.
+    """
+
+    safety: CommandSafety
+    interval: float | None
+    measured: FloatArray | None
+
+
+class CommandContext(NamedTuple):
+    """What a candidate is checked against.
+
+    Attributes:
+        limits: limits on the solution.
+        previous: ``(dof,)`` the previous command, or, at first, the measured joint positions.
+        motion: the motion that it continues; None: it stands alone.
+    """
+
+    limits: AcceptanceLimits
+    previous: FloatArray | None = None
+    motion: Motion | None = None
+
+
+def check_frame(frame_id: str, base_frame: str) -> Refusal | None:
+    """A target must be in the base frame, which an empty ``frame_id`` means too."""
+    if not frame_id or frame_id == base_frame:
+        return None
+    return Refusal(
+        IkStatus.WRONG_FRAME,
+        f"the target is in frame {frame_id!r}; it must be in {base_frame!r}, "
+        "the base frame of the model",
+    )
+
+
+def check_age(age: float | None, safety: CommandSafety) -> Refusal | None:
+    """The age of a target [s] must be at most the limit, in both directions; None: no stamp."""
+    limit = safety.max_target_age
+    if age is None or abs(age) <= limit:
+        return None
+    if age < 0:
+        reason = (
+            f"its stamp is {-age:.4g} s in the future, more than {limit:.4g} s: set the clocks"
+        )
+    else:
+        reason = f"it is {age:.4g} s old, more than {limit:.4g} s"
+    return Refusal(IkStatus.STALE_TARGET, reason)
+
+
+def check_path_length(poses: int, most: int) -> Refusal | None:
+    """A path must have at least one pose and at most ``most``."""
+    if 0 < poses <= most:
+        return None
+    return Refusal(IkStatus.PATH_LENGTH, f"the path has {poses} poses; it must have 1 to {most}")
+
+
+def check_workspace_box(pose: Numbers, safety: CommandSafety) -> Refusal | None:
+    """The position of a pose ``(7,)`` must be in the workspace box.
+
+    A coordinate that is not finite is left to the check that names it.
     """
     if not safety.has_workspace_box:
         return None
     bounds = zip(pose[:3], safety.workspace_box_lower, safety.workspace_box_upper, strict=True)
     for axis, (value, low, high) in enumerate(bounds):
         if math.isfinite(value) and not low <= value <= high:
-            return (
+            return Refusal(
+                IkStatus.OUTSIDE_WORKSPACE_BOX,
                 f"{POSE_FIELDS[axis]} is {value:.6g} m; the workspace box allows "
-                f"{low:.6g} to {high:.6g} m"
+                f"{low:.6g} to {high:.6g} m",
             )
     return None
 
 
-def age_violation(age: float | None, safety: CommandSafety) -> str | None:
-    """Why a target of this age [s] is stale, or None. None for a target without a stamp."""
-    limit = safety.max_target_age
-    if age is None or abs(age) <= limit:
+def check_convergence(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """The refinement must have reached the target."""
+    if candidate.converged:
         return None
-    if age < 0:
-        return f"its stamp is {-age:.4g} s in the future, more than {limit:.4g} s: set the clocks"
-    return f"it is {age:.4g} s old, more than {limit:.4g} s"
+    position, orientation = candidate.residuals()
+    return Refusal(
+        IkStatus.NOT_CONVERGED,
+        f"{1e3 * position:.4g} mm and {math.degrees(orientation):.4g} degrees are left after "
+        f"{candidate.newton_steps} steps: no solution in the joint box was found",
+    )
 
 
-def velocity_violation(
-    joint_names: tuple[str, ...],
-    joint_positions: FloatArray,
-    previous: FloatArray,
-    interval: float,
-    safety: CommandSafety,
-) -> str | None:
-    """Why the way from ``previous`` in ``interval`` [s] is too fast, or None; both ``(dof,)``."""
+def check_joint_limits(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """Every joint must be inside its limits, which NaN is not."""
+    violation = candidate.robot.joint_limits.violation(candidate.joint_positions)
+    return None if violation is None else Refusal(IkStatus.JOINT_LIMIT, violation)
+
+
+def check_residuals(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """The forward kinematics must lead to the target, for which NaN is too large a residual."""
+    position, orientation = candidate.residuals()
+    limits = context.limits
+    if not position <= limits.max_position_residual:
+        reason = (
+            f"position residual {1e3 * position:.4g} mm exceeds "
+            f"{1e3 * limits.max_position_residual:.4g} mm"
+        )
+    elif not orientation <= limits.max_orientation_residual:
+        reason = (
+            f"orientation residual {math.degrees(orientation):.4g} degrees exceeds "
+            f"{math.degrees(limits.max_orientation_residual):.4g} degrees"
+        )
+    else:
+        return None
+    return Refusal(IkStatus.RESIDUAL_TOO_LARGE, reason)
+
+
+def check_expected_errors(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """The expected errors must be known and within their limits, where these are finite."""
+    limits = context.limits
+    if not limits.limits_expected_errors:
+        return None
+    position, orientation = candidate.expected_errors()
+    for what, expected, limit, unit, factor in (
+        ("error", position, limits.max_expected_error, "mm", 1e3),
+        (
+            "orientation error",
+            orientation,
+            limits.max_expected_orientation_error,
+            "degrees",
+            math.degrees(1.0),
+        ),
+    ):
+        if math.isinf(limit) or expected <= limit:
+            continue
+        if math.isnan(expected):
+            reason = (
+                f"expected {what} is limited to {factor * limit:.4g} {unit}, but is unknown: "
+                "the model was not calibrated from measured poses (annik calibrate)"
+            )
+        else:
+            reason = (
+                f"expected {what} {factor * expected:.4g} {unit} exceeds "
+                f"{factor * limit:.4g} {unit}"
+            )
+        return Refusal(IkStatus.EXPECTED_ERROR_TOO_LARGE, reason)
+    return None
+
+
+def check_joint_step(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """No joint may move further from the previous command than the limit."""
+    previous, limit = context.previous, context.limits.max_joint_step
+    if previous is None or math.isinf(limit):
+        return None
+    excess = largest_step_beyond(limit, candidate.joint_positions, previous)
+    if excess is None:
+        return None
+    joint, step = excess
+    return Refusal(
+        IkStatus.JOINT_STEP_TOO_LARGE,
+        f"{candidate.robot.joint_names[joint]} would step by {step:.6g}, more than "
+        f"{limit:.6g} from the previous command",
+    )
+
+
+def check_joint_velocity(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """No joint may move faster from the previous command than the limit."""
+    motion, previous = context.motion, context.previous
+    if motion is None or motion.interval is None or previous is None:
+        return None
+    safety = motion.safety
     if math.isinf(safety.max_joint_velocity):
         return None
-    interval = max(interval, safety.shortest_interval)
+    interval = max(motion.interval, safety.shortest_interval)
     # As a product, so that no time at all is no division by zero.
     limit = safety.max_joint_velocity * interval
-    excess = largest_step_beyond(limit, joint_positions, previous)
+    excess = largest_step_beyond(limit, candidate.joint_positions, previous)
     if excess is None:
         return None
     joint, step = excess
     velocity = step / interval if interval > 0 else math.inf
-    return (
-        f"{joint_names[joint]} would move by {step:.6g} in {interval:.4g} s, "
-        f"{velocity:.6g} per second; at most {safety.max_joint_velocity:.6g} is allowed"
+    return Refusal(
+        IkStatus.JOINT_VELOCITY_TOO_LARGE,
+        f"{candidate.robot.joint_names[joint]} would move by {step:.6g} in {interval:.4g} s, "
+        f"{velocity:.6g} per second; at most {safety.max_joint_velocity:.6g} is allowed",
     )
+
+
+def check_first_command(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """The first command must be near the measured joint positions, as its rule says."""
+    motion = context.motion
+    if motion is None or motion.interval is not None:
+        return None
+    safety, _, measured = motion
+    if safety.first_command is FirstCommandRule.FREE:
+        return None
+    if measured is None:
+        if safety.first_command is FirstCommandRule.NEAR_IF_MEASURED:
+            return None
+        return Refusal(
+            IkStatus.FIRST_COMMAND_TOO_FAR,
+            "where the robot is has not been measured, and the first command must be near it: "
+            "publish joint_states, or set first_command to near_if_measured",
+        )
+    violation = measured_violation(
+        candidate.robot.joint_names, candidate.joint_positions, measured, safety.max_first_step
+    )
+    return None if violation is None else Refusal(IkStatus.FIRST_COMMAND_TOO_FAR, violation)
+
+
+def check_measured_step(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """No joint may be sent further from its measured position than the limit."""
+    motion = context.motion
+    if motion is None or motion.measured is None:
+        return None
+    violation = measured_violation(
+        candidate.robot.joint_names,
+        candidate.joint_positions,
+        motion.measured,
+        motion.safety.max_measured_step,
+    )
+    return None if violation is None else Refusal(IkStatus.TOO_FAR_FROM_MEASURED, violation)
+
+
+Check = Callable[[Candidate, CommandContext], Refusal | None]
+
+#: The checks on a solution, in the order of :class:`IkStatus`; each runs once, and the first that
+#: refuses ends them. Those of the target come before: frame, age, path length, workspace box
+#: (above), numbers (:func:`annik_core.pose.checked_pose`) and the robot's workspace.
+COMMAND_CHECKS: tuple[Check, ...] = (
+    check_convergence,
+    check_joint_limits,
+    check_residuals,
+    check_expected_errors,
+    check_joint_step,
+    check_joint_velocity,
+    check_first_command,
+    check_measured_step,
+)
 
 
 def measured_violation(
@@ -317,3 +579,19 @@ def measured_violation(
         f"{joint_names[joint]} would go to {joint_positions[joint]:.6g}, but is measured at "
         f"{measured[joint]:.6g}: {step:.6g} away, more than {limit:.6g}"
     )
+
+
+def largest_step_beyond(
+    limit: float, joint_positions: FloatArray, reference: FloatArray
+) -> tuple[int, float] | None:
+    """Which joint is furthest from ``reference``, both ``(dof,)``, and by how much [rad or m].
+
+    None if no joint is further than ``limit``; if that is infinite, nothing is compared.
+    """
+    if math.isinf(limit):
+        return None
+    steps = np.abs(joint_positions - reference)
+    if (steps <= limit).all():
+        return None
+    joint = int(np.argmax(steps))
+    return joint, float(steps[joint])

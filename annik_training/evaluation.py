@@ -16,7 +16,7 @@ import numpy as np
 from annik_core.dataset import Dataset
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.solver.ik_solver import SolverMode
-from annik_core.solver.options import Refined, RefinementOptions
+from annik_core.solver.options import RefinementOptions, RefinementResult
 from annik_core.solver.refinement import Refinement
 
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
@@ -89,7 +89,7 @@ class Measured:
     answers: FloatArray
     distances: FloatArray
     angles: FloatArray
-    refined: list[Refined] | None
+    refined: list[RefinementResult] | None
 
 
 def evaluate(joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset) -> Evaluation:
@@ -170,17 +170,19 @@ class RefinedEvaluation:
         return data
 
 
-def refine_all(answers: FloatArray, dataset: Dataset, options: RefinementOptions) -> list[Refined]:
+def refine_all(
+    answers: FloatArray, dataset: Dataset, options: RefinementOptions
+) -> list[RefinementResult]:
     """Polish answers ``(n, dof)`` to the poses of a dataset, one at a time."""
     robot = dataset.robot
     refinement = Refinement(robot.forward_kinematics, robot.joint_box, options)
     return [
-        refinement.refined(answer, pose)
+        refinement.refine(answer, pose)
         for answer, pose in zip(answers, dataset.poses, strict=True)
     ]
 
 
-def evaluate_refined(refined: list[Refined], dataset: Dataset) -> RefinedEvaluation:
+def evaluate_refined(refined: list[RefinementResult], dataset: Dataset) -> RefinedEvaluation:
     """Sum up what :func:`refine_all` made of the poses of a dataset.
 
     The residuals are measured again, by poses computed anew.

@@ -18,8 +18,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from annik_core.safety import AcceptanceLimits
-from annik_core.solver.result import REFUSALS, IkStatus
+from annik_core.safety import AcceptanceLimits, IkStatus
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
 from annik_ros.ik_node.services import SERVICES
 from annik_ros.parameter_tables import PARAMETER_TABLES
@@ -70,7 +69,7 @@ def services() -> str:
 def refusals() -> str:
     """Why a target may be refused, in the order of the checks."""
     rows = [
-        (f"`{status.value}`", REFUSALS[status])
+        (f"`{status.value}`", status.meaning)
         for status in IkStatus
         if status is not IkStatus.SUCCESS
     ]

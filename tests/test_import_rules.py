@@ -248,7 +248,7 @@ def test_serving_the_gantry_loads_no_library_that_it_can_do_without() -> None:
         "pose = server.solver.robot.forward_kinematics.poses("
         "server.solver.robot.joint_box.centre[None])[0]\n"
         "before = set(sys.modules)\n"
-        "assert server.answer(pose).accepted\n"
+        "assert server.solve(pose).accepted\n"
         "print(sorted(set(sys.modules) - before), {'scipy', 'pinocchio'} & set(sys.modules))\n"
     )
     result = subprocess.run(

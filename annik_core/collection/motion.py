@@ -15,7 +15,7 @@ import numpy as np
 
 from annik_core.pose import POSE_FIELDS, FloatArray
 from annik_core.robots.robot import Robot
-from annik_core.safety import CommandSafety, box_violation
+from annik_core.safety import CommandSafety, check_workspace_box
 
 
 class JointMotion:
@@ -117,7 +117,9 @@ def place_violation(
     violation = robot.joint_limits.violation(joint_positions)
     if violation is not None or not safety.has_workspace_box:
         return violation
-    return box_violation(robot.forward_kinematics.poses(joint_positions[np.newaxis])[0], safety)
+    pose = robot.forward_kinematics.poses(joint_positions[np.newaxis])[0]
+    refusal = check_workspace_box(pose, safety)
+    return None if refusal is None else refusal.reason
 
 
 def approach(

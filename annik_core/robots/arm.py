@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import dist, hypot
+from math import dist
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,7 @@ from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
     ForwardKinematics,
-    PoseError,
-    PoseErrorFunction,
+    Linearisation,
     ResolvedTarget,
     Robot,
     check_joint_count,
@@ -99,31 +98,27 @@ class ArmKinematics(ForwardKinematics):
             )
         return jacobians
 
-    def error_to(self, target: FloatArray) -> PoseErrorFunction:
-        """See :meth:`annik_core.robots.robot.ForwardKinematics.error_to`."""
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        compute, arguments, placement, se3, log6 = self._body_jacobian
+        model, data, frame, local = arguments
+        jacobian = compute(model, data, joint_positions, frame, local)
+        difference = placement.actInv(se3(target))
+        return Linearisation(log6(difference).vector, jacobian, difference.translation)
+
+    @cached_property
+    def _body_jacobian(self) -> tuple[Any, ...]:
+        """What :meth:`linearise` needs: the inside of a search is where the time goes."""
         pin, model, data, frame = self._pinocchio
-        # Names of its own: the inside of a search is where the time goes.
-        jacobian, log6, local = pin.computeFrameJacobian, pin.log6, pin.LOCAL
         # On its way from the frame to the base, the Jacobian leaves the frame's placement here.
         placement = data.iMf[0]
-        goal = pin.XYZQUATToSE3(target)
-        difference = twist = None
-
-        def linearised(joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-            nonlocal difference, twist
-            columns = jacobian(model, data, joint_positions, frame, local)
-            difference = placement.actInv(goal)
-            twist = log6(difference).vector
-            return twist, columns
-
-        def residuals() -> tuple[float, float]:
-            assert difference is not None and twist is not None
-            return hypot(*difference.translation.tolist()), hypot(*twist[3:].tolist())
-
-        def error(joint_positions: FloatArray) -> PoseError:
-            return PoseError(linearised(joint_positions)[0], *residuals())
-
-        return PoseErrorFunction(error, linearised, residuals)
+        return (
+            pin.computeFrameJacobian,
+            (model, data, frame, pin.LOCAL),
+            placement,
+            pin.XYZQUATToSE3,
+            pin.log6,
+        )
 
     @cached_property
     def joint_origins(self) -> FloatArray:
@@ -181,7 +176,7 @@ class ScrewChain:
 
 
 def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
-    """Make sure that the frame's placement is where :meth:`ArmKinematics.error_to` looks for it.
+    """Make sure that the frame's placement is where :meth:`ArmKinematics.linearise` looks for it.
 
     Pinocchio does not promise to leave it there.
 

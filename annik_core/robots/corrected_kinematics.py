@@ -8,7 +8,7 @@ import numpy as np
 
 from annik_core.pose import FloatArray
 from annik_core.robots.corrections import JointCorrection, PoseNetwork
-from annik_core.robots.robot import ForwardKinematics, PoseError, PoseErrorFunction
+from annik_core.robots.robot import ForwardKinematics, Linearisation
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,19 +32,13 @@ class JointCorrectedKinematics(ForwardKinematics):
         jacobians = self.kinematics.jacobians(self.correction.actual(joint_positions))
         return jacobians * self.correction.slopes(joint_positions)[:, np.newaxis, :]
 
-    def error_to(self, target: FloatArray) -> PoseErrorFunction:
-        """See :meth:`annik_core.robots.robot.ForwardKinematics.error_to`."""
-        function = self.kinematics.error_to(target)
-        actual, slopes = self.correction.actual, self.correction.slopes
-
-        def error(joint_positions: FloatArray) -> PoseError:
-            return function.error(actual(joint_positions))
-
-        def linearised(joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-            twist, jacobian = function.linearised(actual(joint_positions))
-            return twist, jacobian * slopes(joint_positions)
-
-        return PoseErrorFunction(error, linearised, function.residuals)
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        correction = self.correction
+        twist, jacobian, displacement = self.kinematics.linearise(
+            correction.actual(joint_positions), target
+        )
+        return Linearisation(twist, jacobian * correction.slopes(joint_positions), displacement)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,24 +66,12 @@ class PoseCorrectedKinematics(ForwardKinematics):
         """See :class:`annik_core.robots.robot.ForwardKinematics`."""
         return self.kinematics.jacobians(joint_positions)
 
-    def error_to(self, target: FloatArray) -> PoseErrorFunction:
-        """See :meth:`annik_core.robots.robot.ForwardKinematics.error_to`."""
-        last: PoseErrorFunction = self.kinematics.error_to(target)
-
-        def without_motion(joint_positions: FloatArray) -> PoseErrorFunction:
-            # To reach the target with the motion is to reach its reverse without.
-            motion = self.network.motions(joint_positions[np.newaxis])
-            return self.kinematics.error_to(_moved(target[np.newaxis], motion, reverse=True)[0])
-
-        def error(joint_positions: FloatArray) -> PoseError:
-            return without_motion(joint_positions).error(joint_positions)
-
-        def linearised(joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-            nonlocal last
-            last = without_motion(joint_positions)
-            return last.linearised(joint_positions)
-
-        return PoseErrorFunction(error, linearised, lambda: last.residuals())
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        # To reach the target with the motion is to reach its reverse without.
+        motion = self.network.motions(joint_positions[np.newaxis])
+        moved = _moved(target[np.newaxis], motion, reverse=True)[0]
+        return self.kinematics.linearise(joint_positions, moved)
 
 
 def _moved(poses: FloatArray, motions: FloatArray, *, reverse: bool = False) -> FloatArray:

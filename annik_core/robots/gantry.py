@@ -35,10 +35,8 @@ from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
     ForwardKinematics,
-    PoseErrorFunction,
     ResolvedTarget,
     Robot,
-    base_frame_error_to,
     check_joint_count,
 )
 
@@ -109,10 +107,6 @@ class GantryKinematics(ForwardKinematics):
         jacobians[:, 5, 5] = self.ratio[5]
         return jacobians
 
-    def error_to(self, target: FloatArray) -> PoseErrorFunction:
-        """See :meth:`annik_core.robots.robot.ForwardKinematics.error_to`."""
-        return base_frame_error_to(self, target)
-
     def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
         """See :meth:`annik_core.robots.robot.ForwardKinematics.residuals`.
 
@@ -153,7 +147,7 @@ class GantryWorkspace:
         x, y, z, *quaternion = pose.tolist()
         angles = roll_pitch_yaw(quaternion)
         if _HALF_PI - abs(angles[1]) >= GIMBAL_TOLERANCE:
-            return ResolvedTarget(pose, self._violation([x, y, z, *angles]), angles, angles)
+            return ResolvedTarget(pose, self._violation([x, y, z, *angles]), angles)
         if reference is None:
             reference = 0.5 * (self.lower[3:] + self.upper[3:])
         tilted = _tilted_off_the_edge(angles, reference, self.lower[3:], self.upper[3:])

@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from annik_core.pose import FloatArray, Numbers, single_pose_difference
+from annik_core.pose import FloatArray, Numbers, rotation_matrix, single_pose_difference
 from annik_core.robots.errors import WrongJointCount
 from annik_core.robots.joint_limits import JointLimits
 
@@ -20,34 +20,33 @@ if TYPE_CHECKING:
     from annik_core.robots.corrections import ErrorBound
 
 
-class PoseError(NamedTuple):
-    """What is missing at some joint positions to reach a target.
+class Linearisation(NamedTuple):
+    """The error to a target at some joint positions, and how joint motion changes it.
+
+    Everything is expressed in the axes of the end-effector frame, linear rows before angular ones.
+    To first order, a joint motion ``dq`` takes ``jacobian @ dq`` off ``twist``.
 
     Attributes:
-        twist: ``(6,)`` the motion that reaches it, linear [m] and angular [rad], in the axes that
-            the Jacobian beside it uses.
-        position: distance [m].
-        orientation: angle [rad].
+        twist: ``(6,)`` the motion of the end effector that reaches the target [m], [rad]. For an
+            arm it is the body twist, the logarithm of the motion from the one frame to the other;
+            for the gantry its linear part is ``displacement``, which is the same to first order.
+        jacobian: ``(6, dof)`` the body Jacobian, per unit of joint velocity.
+        displacement: ``(3,)`` from the end effector to the target's position [m].
     """
 
     twist: FloatArray
-    position: float
-    orientation: float
+    jacobian: FloatArray
+    displacement: FloatArray
 
+    @property
+    def distance(self) -> float:
+        """Norm of the twist, in metres and radians."""
+        return float(np.linalg.norm(self.twist))
 
-class PoseErrorFunction(NamedTuple):
-    """How far from one target joint positions ``(dof,)`` lead, and how to come nearer.
-
-    Attributes:
-        error: the error at joint positions.
-        linearised: its twist ``(6,)`` there, and the Jacobian ``(6, dof)``: to first order, a
-            motion ``dq`` takes ``jacobian @ dq`` off the twist. For the inside of a search.
-        residuals: distance [m] and angle [rad] at the joint positions that were linearised last.
-    """
-
-    error: Callable[[FloatArray], PoseError]
-    linearised: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-    residuals: Callable[[], tuple[float, float]]
+    @property
+    def residuals(self) -> tuple[float, float]:
+        """Distance [m] and angle [rad] to the target."""
+        return math.hypot(*self.displacement.tolist()), math.hypot(*self.twist[3:].tolist())
 
 
 class ForwardKinematics(Protocol):
@@ -65,37 +64,29 @@ class ForwardKinematics(Protocol):
         """
         ...
 
-    def error_to(self, target: FloatArray) -> PoseErrorFunction:
-        """The error to one target pose ``(7,)`` as a function of the joint positions."""
-        ...
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """The error to one target pose ``(7,)`` at joint positions ``(dof,)``.
+
+        By :meth:`poses` and :meth:`jacobians`, where a robot knows no quicker way.
+        """
+        achieved = self.poses(joint_positions[np.newaxis])[0]
+        position, rotation = single_pose_difference(target, achieved)
+        # Rows: the axes of the end-effector frame in the base frame.
+        axes = rotation_matrix(achieved[3:]).T
+        displacement = axes @ position
+        jacobian = self.jacobians(joint_positions[np.newaxis])[0]
+        return Linearisation(
+            np.concatenate([displacement, axes @ rotation]),
+            np.concatenate([axes @ jacobian[:3], axes @ jacobian[3:]]),
+            displacement,
+        )
 
     def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
         """Distance [m] and angle [rad] to one target pose ``(7,)`` at joint positions ``(dof,)``.
 
-        Those of :meth:`error_to`, which a robot that is asked for no more may know sooner.
+        Those of :meth:`linearise`, where a robot knows no quicker way.
         """
-        error = self.error_to(target).error(joint_positions)
-        return error.position, error.orientation
-
-
-def base_frame_error_to(kinematics: ForwardKinematics, target: FloatArray) -> PoseErrorFunction:
-    """:meth:`ForwardKinematics.error_to` by poses and Jacobians, with base-frame twists."""
-
-    def error(joint_positions: FloatArray) -> PoseError:
-        achieved = kinematics.poses(joint_positions[np.newaxis])[0]
-        position, rotation = single_pose_difference(target, achieved)
-        return PoseError(
-            np.array([*position, *rotation]), math.hypot(*position), math.hypot(*rotation)
-        )
-
-    last = PoseError(np.full(6, math.nan), math.nan, math.nan)
-
-    def linearised(joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        nonlocal last
-        last = error(joint_positions)
-        return last.twist, kinematics.jacobians(joint_positions[np.newaxis])[0]
-
-    return PoseErrorFunction(error, linearised, lambda: (last.position, last.orientation))
+        return self.linearise(joint_positions, target).residuals
 
 
 class ResolvedTarget(NamedTuple):
@@ -107,14 +98,11 @@ class ResolvedTarget(NamedTuple):
             it that only one of them reaches.
         violation: what is outside which bound, or None if the target is in the workspace.
         reference: which of several solutions is meant; see :class:`Workspace`.
-        roll_pitch_yaw: the angles of ``pose`` [rad], by :func:`annik_core.pose.roll_pitch_yaw`,
-            if they are at hand.
     """
 
     pose: FloatArray
     violation: str | None
     reference: Numbers
-    roll_pitch_yaw: tuple[float, float, float] | None = None
 
 
 class Workspace(Protocol):

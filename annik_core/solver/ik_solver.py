@@ -1,4 +1,4 @@
-"""Inverse kinematics by a trained network, every answer verified by the forward kinematics."""
+"""Inverse kinematics by a trained network, every solution verified by the forward kinematics."""
 
 from __future__ import annotations
 
@@ -7,22 +7,25 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.pose import FloatArray, Numbers, checked_pose
-from annik_core.robots.robot import ResolvedTarget, Robot
+from annik_core.robots.robot import ResolvedTarget, Robot, check_joint_count
 from annik_core.safety import (
+    COMMAND_CHECKS,
     AcceptanceLimits,
-    expected_error_violation,
-    joint_step_violation,
-    residual_violation,
+    Candidate,
+    CommandContext,
+    IkStatus,
+    Motion,
+    Refusal,
 )
-from annik_core.solver.options import Refined, RefinementOptions
-from annik_core.solver.result import IkResult, IkStatus
+from annik_core.solver.options import RefinementOptions
+from annik_core.solver.result import IkResult
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
@@ -30,11 +33,11 @@ if TYPE_CHECKING:
 
 
 class SolverMode(Enum):
-    """What answers a target.
+    """How a target is solved.
 
-    ``NETWORK``: the network alone, as in the paper. ``REFINED``: the network's answer, polished on
-    the forward kinematics inside the working joint box. ``AUTO``: refined for an arm, the network
-    for the gantry, whose linear kinematics it learns exactly.
+    ``NETWORK``: by the network alone, as in the paper. ``REFINED``: the network's solution is
+    refined on the forward kinematics inside the joint box. ``AUTO``: refined for an arm, the
+    network for the gantry, whose linear kinematics it learns exactly.
     """
 
     AUTO = "auto"
@@ -42,7 +45,7 @@ class SolverMode(Enum):
     REFINED = "refined"
 
     def refines(self, robot: Robot) -> bool:
-        """Whether answers for this robot are polished."""
+        """Whether solutions for this robot are refined."""
         return robot.kind == "arm" if self is SolverMode.AUTO else self is SolverMode.REFINED
 
 
@@ -50,18 +53,17 @@ class SolverMode(Enum):
 class IkSolver:
     """Turns target poses into joint positions, in a bounded number of operations.
 
-    The checks run in this order, and the first that fails is the answer: finite numbers, unit
-    quaternion, workspace, network, convergence (refined mode), joint limits, residual, expected
-    error (of a robot learned from measured poses), joint step.
-    They see exactly the joint positions that are returned; nothing is clamped.
+    A target is checked first (finite numbers, unit quaternion, workspace), then its solution, by
+    :data:`annik_core.safety.COMMAND_CHECKS`. These see exactly the joint positions that are
+    returned; nothing is clamped. The first check that fails makes the result a refusal.
 
     Attributes:
         artifact: the trained network and the robot that it is for.
-        limits: what an answer must satisfy.
-        mode: what answers a target.
-        refinement_options: how far an answer is polished in refined mode.
-        seed_from_previous: in refined mode, begin at the previous answer where its pose is nearer
-            to the target than the network's. Then an answer depends on what came before it.
+        limits: what a solution must satisfy.
+        mode: how a target is solved.
+        refinement_options: how far a solution is refined in refined mode.
+        seed_from_previous: in refined mode, begin at the previous solution where its pose is
+            nearer to the target than the network's. Then a solution depends on those before it.
     """
 
     artifact: Model
@@ -71,21 +73,23 @@ class IkSolver:
     seed_from_previous: bool = False
 
     def __post_init__(self) -> None:
-        """Load what answers need now, not while the first target waits."""
+        """Load what solving needs now, not while the first target waits."""
         if self.refines:
             _ = self._refinement
 
     @classmethod
-    def from_file(cls, path: str | Path, limits: AcceptanceLimits | None = None) -> IkSolver:
-        """The solver for a model file.
+    def from_file(
+        cls, name_or_path: str | Path, limits: AcceptanceLimits | None = None
+    ) -> IkSolver:
+        """The solver for a packaged model, by its name, or for a model file.
 
         Raises:
-            ArtifactError: if the file can't be used; see :mod:`annik_core.errors`.
+            ArtifactError: if the file can't be used; see :mod:`annik_core.model.errors`.
         """
         # Not above: a node joins the others before it loads what reads model files.
         from annik_core.model.artifact import load_model
 
-        return cls(load_model(path), limits or AcceptanceLimits())
+        return cls(load_model(name_or_path), limits or AcceptanceLimits())
 
     @property
     def robot(self) -> Robot:
@@ -94,54 +98,64 @@ class IkSolver:
 
     @cached_property
     def refines(self) -> bool:
-        """Whether the network's answers are polished."""
+        """Whether the network's solutions are refined."""
         return self.mode.refines(self.robot)
 
-    def solve(self, pose: ArrayLike, previous: IkResult | FloatArray | None = None) -> IkResult:
+    def solve(
+        self,
+        pose: ArrayLike,
+        previous: IkResult | ArrayLike | None = None,
+        motion: Motion | None = None,
+    ) -> IkResult:
         """Joint positions that reach one pose.
 
         Args:
-            pose: ``(7,)`` x, y, z [m], unit quaternion x, y, z, w, in the robot's base frame.
-            previous: the accepted answer to the target before, or, at first, the joint positions
+            pose: seven numbers in the robot's base frame: x, y, z [m], unit quaternion x, y, z, w.
+            previous: the accepted result for the target before, or, at first, the joint positions
                 ``(dof,)`` [rad or m] where the robot is. The joint step is measured from it, and
-                where the pose leaves a choice the answer stays close to it.
+                where the pose leaves a choice the solution stays close to it.
+            motion: the motion of a running robot that this continues, if its checks are to run
+                too, as :class:`annik_core.serving.ik_server.IkServer` has them do.
 
         Returns:
-            The answer or the refusal. Never raises for a bad target of seven numbers.
+            The solution or the refusal. Never raises for a bad target of seven numbers.
 
         Raises:
             WrongShape: if ``pose`` is not seven numbers.
+            WrongJointCount: if ``previous`` is not one position per joint.
         """
-        reference, previous_positions = self._remembered(previous)
-        checked = self._checked(pose, reference)
-        if isinstance(checked, IkResult):
-            return checked
-        resolved = checked.resolved
-        answer = self.artifact.joint_positions_at(resolved.pose, resolved.roll_pitch_yaw)
-        return self._result(checked, answer, previous_positions)
+        reference, context = None, self._alone
+        if previous is not None or motion is not None:
+            reference, previous_positions = self._remembered(previous)
+            context = CommandContext(self.limits, previous_positions, motion)
+        target = self._checked(pose, reference)
+        if isinstance(target, Refusal):
+            return IkResult.refused(target)
+        solution = self.artifact.joint_positions_at(target[1].pose)
+        return self._result(*target, solution, context)
 
     def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
-        """Answers to many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them.
+        """Results for many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them.
 
-        The network answers all of them at once, which is quicker; its answers may differ from
-        those to one pose at a time by rounding.
+        The network solves all of them at once, which is quicker; its solutions may differ from
+        those of one pose at a time by rounding.
         """
-        checked = [self._checked(pose, None) for pose in np.asarray(poses, dtype=np.float64)]
-        targets = [target for target in checked if isinstance(target, _Target)]
-        if not targets:
-            return [target for target in checked if isinstance(target, IkResult)]
-        answers = iter(
-            self.artifact.joint_positions(np.array([target.resolved.pose for target in targets]))
-        )
+        targets = [self._checked(pose, None) for pose in np.asarray(poses, dtype=np.float64)]
+        network_poses = [target[1].pose for target in targets if not isinstance(target, Refusal)]
+        if not network_poses:
+            return [IkResult.refused(target) for target in targets if isinstance(target, Refusal)]
+        solutions = iter(self.artifact.joint_positions(np.array(network_poses)))
         return [
-            target if isinstance(target, IkResult) else self._result(target, next(answers), None)
-            for target in checked
+            IkResult.refused(target)
+            if isinstance(target, Refusal)
+            else self._result(*target, next(solutions), self._alone)
+            for target in targets
         ]
 
     @cached_property
-    def _judges_expected_error(self) -> bool:
-        limits = self.limits.max_expected_error, self.limits.max_expected_orientation_error
-        return self.robot.error_bound is not None or not all(map(math.isinf, limits))
+    def _alone(self) -> CommandContext:
+        """Of a target without a previous one."""
+        return CommandContext(self.limits)
 
     @cached_property
     def _refinement(self) -> Refinement:
@@ -151,116 +165,77 @@ class IkSolver:
         robot = self.robot
         return Refinement(robot.forward_kinematics, robot.joint_box, self.refinement_options)
 
-    def _checked(self, pose: ArrayLike, reference: Numbers | None) -> _Target | IkResult:
+    def _checked(
+        self, pose: ArrayLike, reference: Numbers | None
+    ) -> tuple[FloatArray, ResolvedTarget] | Refusal:
+        """The checked target ``(7,)``, and as the network should see it."""
         try:
             target = checked_pose(pose)
         except NonFiniteValue as error:
-            return IkResult.refused(IkStatus.NOT_FINITE, str(error))
+            return Refusal(IkStatus.NOT_FINITE, str(error))
         except NotUnitQuaternion as error:
-            return IkResult.refused(IkStatus.NOT_UNIT_QUATERNION, str(error))
+            return Refusal(IkStatus.NOT_UNIT_QUATERNION, str(error))
         resolved = self.robot.workspace.resolve(target, reference)
         if resolved.violation is not None:
-            return IkResult.refused(IkStatus.OUTSIDE_WORKSPACE, resolved.violation)
-        return _Target(target, resolved)
+            return Refusal(IkStatus.OUTSIDE_WORKSPACE, resolved.violation)
+        return target, resolved
 
     def _remembered(
-        self, previous: IkResult | FloatArray | None
+        self, previous: IkResult | ArrayLike | None
     ) -> tuple[Numbers | None, FloatArray | None]:
         """Reference and joint positions of what came before."""
         if previous is None:
             return None, None
         if isinstance(previous, IkResult):
             return previous.reference, previous.joint_positions
-        return self.robot.workspace.reference(previous), previous
+        positions = np.asarray(previous, dtype=np.float64)
+        check_joint_count(positions[np.newaxis], self.robot.joint_names)
+        return self.robot.workspace.reference(positions), positions
 
     def _result(
-        self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
+        self,
+        target: FloatArray,
+        resolved: ResolvedTarget,
+        network_solution: FloatArray,
+        context: CommandContext,
     ) -> IkResult:
-        """The network's answer, polished if asked, checked, and as a result."""
-        robot = self.robot
-        answer = None
-        if self.refines and all(map(math.isfinite, network_answer.tolist())):
-            answer = self._refined(target, network_answer, previous)
-            if not answer.converged:
-                return _not_converged(answer)
-        joint_positions = network_answer if answer is None else answer.joint_positions
-        violation = robot.joint_limits.violation(joint_positions)
-        if violation is not None:
-            return IkResult.refused(IkStatus.JOINT_LIMIT, violation)
-        if answer is None:
-            residuals = robot.forward_kinematics.residuals(network_answer, target.pose)
-            answer = Refined(network_answer, *residuals, 0, True)
-        return self._accepted_or_refused(target, answer, previous)
-
-    def _refined(
-        self, target: _Target, network_answer: FloatArray, previous: FloatArray | None
-    ) -> Refined:
-        start = network_answer
-        if self.seed_from_previous and previous is not None:
-            function = self.robot.forward_kinematics.error_to(target.pose)
-            start = min(
-                (network_answer, previous),
-                key=lambda positions: float(np.linalg.norm(function.error(positions).twist)),
-            )
-        return self._refinement.refined(start, target.pose)
-
-    def _accepted_or_refused(
-        self, target: _Target, answer: Refined, previous: FloatArray | None
-    ) -> IkResult:
-        """The last checks: residual, expected error and joint step."""
-        status = IkStatus.RESIDUAL_TOO_LARGE
-        violation = residual_violation(
-            answer.position_residual, answer.orientation_residual, self.limits
-        )
-        expected = _UNKNOWN
-        if violation is None and self._judges_expected_error:
-            status = IkStatus.EXPECTED_ERROR_TOO_LARGE
-            bound = self.robot.error_bound
-            expected = _UNKNOWN if bound is None else bound.at(answer.joint_positions)
-            violation = expected_error_violation(*expected, self.limits)
-        if violation is None and previous is not None:
-            status = IkStatus.JOINT_STEP_TOO_LARGE
-            violation = joint_step_violation(
-                self.robot.joint_names, answer.joint_positions, previous, self.limits
-            )
-        residuals = answer.position_residual, answer.orientation_residual, answer.newton_steps
-        if violation is not None:
-            return IkResult.refused(status, violation, *residuals)
-        answer.joint_positions.setflags(write=False)
+        """The network's solution, refined if asked, checked."""
+        candidate = self._candidate(target, network_solution, context.previous)
+        for check in COMMAND_CHECKS:
+            refusal = check(candidate, context)
+            if refusal is not None:
+                return IkResult.refused(refusal, candidate.known_residuals, candidate.newton_steps)
+        candidate.joint_positions.setflags(write=False)
         return IkResult(
             IkStatus.SUCCESS,
-            answer.joint_positions,
-            *residuals,
+            candidate.joint_positions,
+            *candidate.residuals(),
+            candidate.newton_steps,
             "",
-            target.pose,
-            target.resolved.reference,
-            *expected,
+            target,
+            resolved.reference,
+            *candidate.expected_errors(),
         )
 
-
-#: Of a robot that was not measured.
-_UNKNOWN = (math.nan, math.nan)
-
-
-class _Target(NamedTuple):
-    """A target that may be answered.
-
-    Attributes:
-        pose: ``(7,)`` checked.
-        resolved: as the network should see it.
-    """
-
-    pose: FloatArray
-    resolved: ResolvedTarget
-
-
-def _not_converged(answer: Refined) -> IkResult:
-    return IkResult.refused(
-        IkStatus.NOT_CONVERGED,
-        f"{1e3 * answer.position_residual:.4g} mm and "
-        f"{math.degrees(answer.orientation_residual):.4g} degrees are left after "
-        f"{answer.newton_steps} steps: no solution in the working joint box was found",
-        answer.position_residual,
-        answer.orientation_residual,
-        answer.newton_steps,
-    )
+    def _candidate(
+        self, target: FloatArray, network_solution: FloatArray, previous: FloatArray | None
+    ) -> Candidate:
+        # What is not finite is not refined: such a network is broken.
+        if not self.refines or not all(map(math.isfinite, network_solution.tolist())):
+            return Candidate(self.robot, target, network_solution)
+        start = network_solution
+        if self.seed_from_previous and previous is not None:
+            kinematics = self.robot.forward_kinematics
+            start = min(
+                (network_solution, previous),
+                key=lambda positions: kinematics.linearise(positions, target).distance,
+            )
+        found = self._refinement.refine(start, target)
+        return Candidate(
+            self.robot,
+            target,
+            found.joint_positions,
+            (found.position_residual, found.orientation_residual),
+            found.newton_steps,
+            found.converged,
+        )

@@ -1,4 +1,4 @@
-"""How far an answer is polished, and what comes of it."""
+"""How far a solution is refined, and what comes of it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RefinementOptions:
         check_settings(self)
 
 
-class Refined(NamedTuple):
+class RefinementResult(NamedTuple):
     """Where a refinement ended.
 
     Attributes:

@@ -20,7 +20,6 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +28,9 @@ from scipy.linalg.lapack import dgesv, dposv
 
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
-from annik_core.robots.robot import ForwardKinematics, PoseErrorFunction
-from annik_core.solver.options import Refined, RefinementOptions
-from annik_core.solver.singularity import reflected_across_fold
+from annik_core.robots.robot import ForwardKinematics
+from annik_core.solver.options import RefinementOptions, RefinementResult
+from annik_core.solver.singularity import reflected_across_singularity
 
 #: c, the damping for an error of 1 m or 1 rad.
 _DAMPING = 0.01
@@ -64,7 +63,7 @@ class Refinement:
     box: JointLimits
     options: RefinementOptions = RefinementOptions()
 
-    def refined(self, start: FloatArray, target: FloatArray) -> Refined:
+    def refine(self, start: FloatArray, target: FloatArray) -> RefinementResult:
         """The solution for a target ``(7,)`` that a search from ``start`` ``(dof,)`` finds.
 
         Args:
@@ -72,57 +71,62 @@ class Refinement:
                 are not finite, nothing is searched.
             target: a checked pose.
         """
-        function = self.kinematics.error_to(target)
         begin = self._projected(start)
-        result = self._search(function, begin, self.options.max_newton_steps)
+        result = self._search(begin, target, self.options.max_newton_steps)
         lost = math.isnan(result.position_residual)
         if lost or result.converged or result.newton_steps == self.options.max_newton_steps:
             return result
-        return self._beyond_the_fold(function, begin, result)
+        return self._beyond_singularities(begin, target, result)
 
-    def _beyond_the_fold(
-        self, function: PoseErrorFunction, begin: FloatArray, first: Refined
-    ) -> Refined:
-        """Search anew on the other side of the nearest folds, with the steps that are left."""
+    def _beyond_singularities(
+        self, begin: FloatArray, target: FloatArray, first: RefinementResult
+    ) -> RefinementResult:
+        """Search anew beyond the nearest singularities, with the steps that are left."""
         known = [begin, first.joint_positions]
         for positions in tuple(known):
             beyond = self._projected(
-                reflected_across_fold(jacobian_of(function), positions, self.box.free)
+                reflected_across_singularity(
+                    lambda q: self.kinematics.linearise(q, target).jacobian,
+                    positions,
+                    self.box.free,
+                )
             )
-            # Where there is no fold it would be the same search again.
+            # Where there is none it would be the same search again.
             if not any(np.array_equal(beyond, other) for other in known):
                 known.append(beyond)
         starts = sorted(
-            known[2:], key=lambda start: float(np.linalg.norm(function.error(start).twist))
+            known[2:], key=lambda start: self.kinematics.linearise(start, target).distance
         )
         steps = first.newton_steps
         for start in starts:
-            result = self._search(function, start, self.options.max_newton_steps - steps)
+            result = self._search(start, target, self.options.max_newton_steps - steps)
             steps += result.newton_steps
             if result.converged:
                 return result._replace(newton_steps=steps)
         # What did not converge is reported as it was, without the detours.
         return first._replace(newton_steps=steps)
 
-    def _search(self, function: PoseErrorFunction, start: FloatArray, most: int) -> Refined:
+    def _search(self, start: FloatArray, target: FloatArray, most: int) -> RefinementResult:
+        linearise = self.kinematics.linearise
         positions, last, steps = start, math.inf, 0
         close = self.options.tolerance**2
         while True:
-            twist, jacobian = function.linearised(positions)
+            linear = linearise(positions, target)
+            twist = linear.twist
             squared = float(twist.dot(twist))
             stuck = steps >= _PATIENCE and squared > _STUCK * last
             # Not '<=': NaN ends it too.
             if not squared > close or steps >= most or stuck:
                 break
-            step = self._step(jacobian, twist, squared, positions)
+            step = self._step(linear.jacobian, twist, squared, positions)
             if step is None:
                 break
             positions, last = step, squared
             steps += 1
-        position, orientation = function.residuals()
+        position, orientation = linear.residuals
         tolerance = self.options.tolerance
         converged = position <= tolerance and orientation <= tolerance
-        return Refined(positions, position, orientation, steps, converged)
+        return RefinementResult(positions, position, orientation, steps, converged)
 
     def _step(
         self, jacobian: FloatArray, twist: FloatArray, squared: float, positions: FloatArray
@@ -188,11 +192,6 @@ class Refinement:
             np.maximum(joint_positions, self.box.lower), self.box.upper
         )
         return projected
-
-
-def jacobian_of(function: PoseErrorFunction) -> Callable[[FloatArray], FloatArray]:
-    """The Jacobian ``(6, dof)`` alone as a function of joint positions ``(dof,)``."""
-    return lambda joint_positions: function.linearised(joint_positions)[1]
 
 
 def _short_newton_step(jacobian: FloatArray, twist: FloatArray) -> FloatArray | None:

@@ -28,7 +28,7 @@ _FARTHEST = 1.5
 _LEAST_SLOPE = 1e-9
 
 
-def reflected_across_fold(
+def reflected_across_singularity(
     jacobian: Callable[[FloatArray], FloatArray],
     joint_positions: FloatArray,
     free: NDArray[np.int64],

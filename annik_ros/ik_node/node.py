@@ -18,8 +18,9 @@ from std_srvs.srv import Trigger
 
 from annik_core.errors import AnnikError, ConversionError
 from annik_core.robots.robot import Robot
+from annik_core.safety import IkStatus
 from annik_core.serving.ik_server import IkServer
-from annik_core.solver.result import IkResult, IkStatus
+from annik_core.solver.result import IkResult
 from annik_ros.declare_parameters import current_parameters, declare_parameters
 from annik_ros.diagnostics import (
     DiagnosticReport,
@@ -200,7 +201,7 @@ class IkNode(ManagedNode):
         if received is None:
             return
         serving, pose = received
-        self._act_on(serving, serving.server.answer(pose), arrival)
+        self._act_on(serving, serving.server.solve(pose), arrival)
 
     def on_stamped_target(self, data: bytes) -> None:
         """Answer a target with a frame and a time."""
@@ -209,7 +210,7 @@ class IkNode(ManagedNode):
         if received is None:
             return
         serving, target = received
-        result = serving.server.answer(target.poses[0], target.frame_id, self._age(target))
+        result = serving.server.solve(target.poses[0], target.frame_id, self._age(target))
         self._act_on(serving, result, arrival)
 
     def on_path(self, data: bytes) -> None:
@@ -218,17 +219,17 @@ class IkNode(ManagedNode):
         if received is None:
             return
         serving, path = received
-        answer = serving.server.answer_path(
+        path_result = serving.server.solve_path(
             path.poses,
             self.options.trajectory_interval,
             self.options.max_path_poses,
             path.frame_id,
             self._age(path),
         )
-        if answer.refusal is not None:
-            self._refused(serving, answer.refusal)
-        elif answer.joint_positions is not None:
-            serving.publishers.publish_path(answer.joint_positions)
+        if path_result.refusal is not None:
+            self._refused(serving, path_result.refusal)
+        elif path_result.joint_positions is not None:
+            serving.publishers.publish_path(path_result.joint_positions)
 
     def on_error_of_callback(self, error: Exception) -> None:
         """Note an error that nobody foresaw, and go on: a robot may be waiting."""

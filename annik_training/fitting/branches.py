@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
 from annik_core.solver.options import RefinementOptions
-from annik_core.solver.refinement import Refinement, jacobian_of
-from annik_core.solver.singularity import reflected_across_fold
+from annik_core.solver.refinement import Refinement
+from annik_core.solver.singularity import reflected_across_singularity
 
 #: Steps of the search for the other solution; nothing hurries here.
 _STEPS = 40
@@ -63,10 +63,12 @@ def _reaches(
     refinement: Refinement, robot: Robot, sign: float, other: FloatArray, pose: FloatArray
 ) -> bool:
     """Whether some joint positions of the box on the branch of this sign reach a pose."""
-    jacobian = jacobian_of(robot.forward_kinematics.error_to(pose))
-    beyond = reflected_across_fold(jacobian, other, robot.joint_box.free)
+    kinematics = robot.forward_kinematics
+    beyond = reflected_across_singularity(
+        lambda q: kinematics.linearise(q, pose).jacobian, other, robot.joint_box.free
+    )
     for start in (beyond, robot.joint_box.centre):
-        found = refinement.refined(start, pose)
+        found = refinement.refine(start, pose)
         signs = branch_signs(robot, found.joint_positions[np.newaxis])
         if found.converged and signs is not None and signs[0] == sign:
             return True

@@ -101,10 +101,10 @@ def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray 
     followed = []
     side = 0.0
     for pose in poses:
-        function = robot.forward_kinematics.error_to(pose)
+        linearise = robot.forward_kinematics.linearise
         found = positions
         for _ in range(_NEWTON_STEPS):
-            twist, jacobian = function.linearised(found)
+            twist, jacobian, _ = linearise(found, pose)
             if np.linalg.norm(twist) <= _LEFT:
                 break
             jacobian = jacobian[:, free]
@@ -119,7 +119,7 @@ def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray 
             return None
         if len(free) == 6:
             # Singular where the determinant is zero; so its sign tells the sides apart.
-            sign = float(np.sign(np.linalg.det(function.linearised(found)[1][:, free])))
+            sign = float(np.sign(np.linalg.det(linearise(found, pose).jacobian[:, free])))
             if side not in (0.0, sign):
                 return None
             side = sign

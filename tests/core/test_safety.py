@@ -1,4 +1,4 @@
-"""What commands are held to besides the solver's own checks. Needs no ROS."""
+"""The checks on targets and commands, one by one and in order. Needs no ROS."""
 
 from __future__ import annotations
 
@@ -14,15 +14,22 @@ from hypothesis import strategies as st
 from annik_core.errors import InvalidValue
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
+from annik_core.robots.library import load_robot
 from annik_core.safety import (
+    COMMAND_CHECKS,
+    AcceptanceLimits,
+    Candidate,
+    CommandContext,
     CommandSafety,
     FirstCommandRule,
-    age_violation,
-    velocity_violation,
+    IkStatus,
+    Motion,
+    check_age,
+    check_joint_velocity,
 )
 from annik_core.serving.ik_server import IkServer
+from annik_core.solver import ik_solver
 from annik_core.solver.ik_solver import IkSolver
-from annik_core.solver.result import IkStatus
 
 POSES = np.array(
     [pose_from_roll_pitch_yaw([x, 0.4, 0.6], [0.5, 0.4, 0.3]) for x in np.linspace(0.3, 0.4, 11)]
@@ -56,6 +63,79 @@ def bench() -> Iterator[Bench]:
     yield Bench(CommandSafety())
 
 
+class TestOrder:
+    """One tuple of checks on a command, in the order of the statuses, each run once."""
+
+    @staticmethod
+    def failing() -> tuple[Candidate, CommandContext]:
+        """What every check refuses."""
+        robot = load_robot("scara")
+        upper = robot.joint_limits.upper
+        candidate = Candidate(robot, POSES[0], upper + 1.0, (1.0, 1.0), converged=False)
+        limits = AcceptanceLimits(1e-3, 1e-3, 1e-3, max_expected_error=1e-3)
+        safety = CommandSafety(max_joint_velocity=1e-3, max_measured_step=1e-3)
+        return candidate, CommandContext(limits, upper, Motion(safety, 0.1, upper))
+
+    def test_is_that_of_the_statuses(self) -> None:
+        candidate, context = self.failing()
+        motion = context.motion
+        assert motion is not None
+        first = context._replace(motion=motion._replace(interval=None))
+        statuses = []
+        for check in COMMAND_CHECKS:
+            refusals = [check(candidate, context), check(candidate, first)]
+            statuses.append({refusal.status for refusal in refusals if refusal is not None})
+        found = [status for (status,) in statuses]
+        order = list(IkStatus)
+        assert found == order[order.index(found[0]) : order.index(IkStatus.SOLVER_FAILED)]
+
+    def test_every_check_runs_once_on_the_array_that_is_returned(
+        self, bench: Bench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        seen: list[tuple[str, int]] = []
+
+        def watched(check):
+            def run(candidate: Candidate, context: CommandContext):
+                seen.append((check.__name__, id(candidate.joint_positions)))
+                return check(candidate, context)
+
+            return run
+
+        monkeypatch.setattr(ik_solver, "COMMAND_CHECKS", tuple(map(watched, COMMAND_CHECKS)))
+        for _ in range(2):
+            seen.clear()
+            result = bench.server.solve(POSES[0])
+            expected = [(check.__name__, id(result.joint_positions)) for check in COMMAND_CHECKS]
+            assert result.accepted
+            assert seen == expected
+
+    def test_the_first_failure_ends_it(self, bench: Bench) -> None:
+        """Of a target that fails several checks, the status is that of the first of them."""
+        bench.server.safety = CommandSafety(
+            max_target_age=1.0,
+            workspace_box_upper=(1.0,) * 3,
+            first_command=FirstCommandRule.NEAR,
+        )
+        pose = UNREACHABLE.copy()
+        pose[3] = math.nan
+        expected = [
+            IkStatus.WRONG_FRAME,
+            IkStatus.STALE_TARGET,
+            IkStatus.OUTSIDE_WORKSPACE_BOX,
+            IkStatus.NOT_FINITE,
+            IkStatus.OUTSIDE_WORKSPACE,
+            IkStatus.FIRST_COMMAND_TOO_FAR,
+        ]
+        found = [bench.server.solve(pose, "camera", 2.0).status]
+        found.append(bench.server.solve(pose, "", 2.0).status)
+        found.append(bench.server.solve(pose).status)
+        bench.server.safety = replace(bench.server.safety, workspace_box_upper=(3.0,) * 3)
+        found.append(bench.server.solve(pose).status)
+        found.append(bench.server.solve(UNREACHABLE).status)
+        found.append(bench.server.solve(POSES[0]).status)
+        assert found == expected
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -78,15 +158,15 @@ def test_by_default_a_command_near_the_measured_robot_is_a_first_one(bench: Benc
     bench.measured = bench.joint_positions(POSES[0])
     far = POSES[0].copy()
     far[0] += 0.19
-    result = bench.server.answer(far)
+    result = bench.server.solve(far)
     assert result.status is IkStatus.FIRST_COMMAND_TOO_FAR
     assert "x_drive_joint would go to" in result.reason
     assert "is measured at" in result.reason
-    assert bench.server.answer(POSES[0]).accepted
+    assert bench.server.solve(POSES[0]).accepted
     # It is not the first any more.
-    assert bench.server.answer(far).accepted
+    assert bench.server.solve(far).accepted
     bench.server.forget_last_command()
-    assert bench.server.answer(far).status is IkStatus.FIRST_COMMAND_TOO_FAR
+    assert bench.server.solve(far).status is IkStatus.FIRST_COMMAND_TOO_FAR
 
 
 @pytest.mark.parametrize(
@@ -97,55 +177,55 @@ def test_by_default_a_command_near_the_measured_robot_is_a_first_one(bench: Benc
         (FirstCommandRule.NEAR, False),
     ],
 )
-def test_where_nobody_measures_the_rule_decides(rule: FirstCommandRule, accepted: bool) -> None:
+def test_without_a_measurement_the_rule_decides(rule: FirstCommandRule, accepted: bool) -> None:
     """Only ``near`` insists on a measurement, and says what to do."""
     bench = Bench(CommandSafety(first_command=rule))
-    result = bench.server.answer(POSES[0])
+    result = bench.server.solve(POSES[0])
     assert result.accepted is accepted
     if not accepted:
         assert result.status is IkStatus.FIRST_COMMAND_TOO_FAR
         assert "publish joint_states" in result.reason
         bench.measured = bench.joint_positions(POSES[0])
-        assert bench.server.answer(POSES[0]).accepted
+        assert bench.server.solve(POSES[0]).accepted
 
 
 def test_a_free_first_command_may_be_anywhere() -> None:
     """Even far from where the robot is measured."""
     bench = Bench(CommandSafety(first_command=FirstCommandRule.FREE))
     bench.measured = bench.joint_positions(POSES[0]) + 1.0
-    assert bench.server.answer(POSES[0]).accepted
+    assert bench.server.solve(POSES[0]).accepted
 
 
-def test_every_command_is_held_to_the_measured_robot_if_wanted() -> None:
+def test_every_command_is_near_the_measured_robot_if_wanted() -> None:
     """Not only the first: a robot that lags behind, or stands still, is not run away from."""
     bench = Bench(CommandSafety(max_measured_step=0.05))
     bench.measured = bench.joint_positions(POSES[0])
-    assert bench.server.answer(POSES[0]).accepted
-    refused = bench.server.answer(POSES[10])
+    assert bench.server.solve(POSES[0]).accepted
+    refused = bench.server.solve(POSES[10])
     assert refused.status is IkStatus.TOO_FAR_FROM_MEASURED
     bench.measured = bench.joint_positions(POSES[10])
-    assert bench.server.answer(POSES[10]).accepted
+    assert bench.server.solve(POSES[10]).accepted
 
 
 def test_a_joint_may_not_go_faster_than_its_limit() -> None:
     """By the time since the last command, which a refusal does not change."""
     bench = Bench(CommandSafety(max_joint_velocity=0.5))
-    assert bench.server.answer(POSES[0]).accepted
+    assert bench.server.solve(POSES[0]).accepted
     step = np.abs(bench.joint_positions(POSES[1]) - bench.joint_positions(POSES[0])).max()
     bench.now += 1.9 * step
-    refused = bench.server.answer(POSES[1])
+    refused = bench.server.solve(POSES[1])
     assert refused.status is IkStatus.JOINT_VELOCITY_TOO_LARGE
     assert "at most 0.5 is allowed" in refused.reason
     bench.now += 0.2 * step
-    assert bench.server.answer(POSES[1]).accepted
+    assert bench.server.solve(POSES[1]).accepted
 
 
 def test_a_burst_counts_as_commands_at_the_expected_rate() -> None:
     """Two targets that arrive together were made one interval apart."""
     bench = Bench(CommandSafety(max_joint_velocity=0.1, expected_rate=1.0))
-    assert bench.server.answer(POSES[0]).accepted
-    assert bench.server.answer(POSES[1]).accepted
-    assert bench.server.answer(POSES[10]).status is IkStatus.JOINT_VELOCITY_TOO_LARGE
+    assert bench.server.solve(POSES[0]).accepted
+    assert bench.server.solve(POSES[1]).accepted
+    assert bench.server.solve(POSES[10]).status is IkStatus.JOINT_VELOCITY_TOO_LARGE
 
 
 @given(
@@ -158,8 +238,10 @@ def test_the_velocity_is_step_by_time(
 ) -> None:
     """For any numbers, also no time at all."""
     safety = CommandSafety(max_joint_velocity=max_joint_velocity)
-    violation = velocity_violation(("a", "b", "c"), np.array(steps), np.zeros(3), interval, safety)
-    assert (violation is None) == all(abs(s) <= max_joint_velocity * interval for s in steps)
+    candidate = Candidate(load_robot("scara"), POSES[0], np.array([*steps, 0.0]))
+    context = CommandContext(AcceptanceLimits(), np.zeros(4), Motion(safety, interval, None))
+    refusal = check_joint_velocity(candidate, context)
+    assert (refusal is None) == all(abs(s) <= max_joint_velocity * interval for s in steps)
 
 
 @pytest.mark.parametrize(
@@ -175,12 +257,12 @@ def test_a_target_outside_of_the_workspace_box_is_refused(
     )
     pose = POSES[0].copy()
     pose[index] = value
-    refused = bench.server.answer(pose)
+    refused = bench.server.solve(pose)
     assert refused.status is IkStatus.OUTSIDE_WORKSPACE_BOX
     assert text in refused.reason
-    assert bench.server.answer(POSES[0]).accepted
+    assert bench.server.solve(POSES[0]).accepted
     pose[index] = math.nan
-    assert bench.server.answer(pose).status is IkStatus.NOT_FINITE
+    assert bench.server.solve(pose).status is IkStatus.NOT_FINITE
 
 
 @pytest.mark.parametrize(
@@ -191,17 +273,18 @@ def test_a_target_is_stale_beyond_its_limit_in_either_direction(
     age: float | None, text: str | None
 ) -> None:
     """A stamp from the future is as wrong as an old one; no stamp is no age."""
-    violation = age_violation(age, CommandSafety(max_target_age=0.1))
-    assert (violation is None) == (text is None)
+    refusal = check_age(age, CommandSafety(max_target_age=0.1))
+    assert (refusal is None) == (text is None)
     if text is not None:
-        assert violation is not None
-        assert text in violation
-    assert age_violation(age, CommandSafety()) is None
+        assert refusal is not None
+        assert refusal.status is IkStatus.STALE_TARGET
+        assert text in refusal.reason
+    assert check_age(age, CommandSafety()) is None
 
 
 def test_a_path_is_answered_as_a_whole(bench: Bench) -> None:
     """With the joint positions that its poses have one by one, and counted as one."""
-    answer = bench.server.answer_path(POSES, 0.1, max_poses=100)
+    answer = bench.server.solve_path(POSES, 0.1, max_poses=100)
     assert answer.refusal is None
     assert answer.joint_positions is not None
     single = [bench.joint_positions(pose) for pose in POSES]
@@ -216,14 +299,14 @@ def test_a_path_with_one_bad_pose_is_refused_naming_it(bench: Bench, bad: int) -
     poses = POSES.copy()
     poses[bad] = UNREACHABLE
     bench.server.safety = CommandSafety(max_joint_velocity=1.0)
-    assert bench.server.answer(POSES[0]).accepted
+    assert bench.server.solve(POSES[0]).accepted
     bench.now += 1.0
-    answer = bench.server.answer_path(poses, 0.1, max_poses=100)
+    answer = bench.server.solve_path(poses, 0.1, max_poses=100)
     assert answer.joint_positions is None
     assert answer.refusal is not None
     assert answer.refusal.status is IkStatus.OUTSIDE_WORKSPACE
     assert answer.refusal.reason.startswith(f"pose {bad} of 0 to 10: ")
-    assert bench.server.answer(POSES[1]).accepted
+    assert bench.server.solve(POSES[1]).accepted
     outcomes = bench.server.end_period().outcomes
     assert (outcomes.received, outcomes.accepted, outcomes.refused) == (3, 2, 1)
 
@@ -231,7 +314,7 @@ def test_a_path_with_one_bad_pose_is_refused_naming_it(bench: Bench, bad: int) -
 @pytest.mark.parametrize("count", [0, 11])
 def test_a_path_has_a_length_that_can_be_answered_in_time(bench: Bench, count: int) -> None:
     """Neither none nor too many."""
-    answer = bench.server.answer_path(POSES[:count], 0.1, max_poses=10)
+    answer = bench.server.solve_path(POSES[:count], 0.1, max_poses=10)
     assert answer.refusal is not None
     assert answer.refusal.status is IkStatus.PATH_LENGTH
     assert f"{count} poses" in answer.refusal.reason
@@ -244,21 +327,21 @@ def test_a_path_in_another_frame_or_too_old_is_refused(bench: Bench) -> None:
         (("camera", 0.0), IkStatus.WRONG_FRAME),
         (("", 2.0), IkStatus.STALE_TARGET),
     ):
-        refusal = bench.server.answer_path(POSES, 0.1, 100, *arguments).refusal
+        refusal = bench.server.solve_path(POSES, 0.1, 100, *arguments).refusal
         assert refusal is not None
         assert refusal.status is status
 
 
 def test_the_speed_along_a_path_is_that_of_its_interval() -> None:
-    """However fast it is computed; and only its beginning is held to the measured robot."""
+    """However fast it is computed; and only its beginning is compared with the measured robot."""
     bench = Bench(CommandSafety(max_joint_velocity=0.5, max_measured_step=0.05))
     bench.measured = bench.joint_positions(POSES[0])
     step = np.abs(np.diff([bench.joint_positions(pose) for pose in POSES], axis=0)).max()
-    refused = bench.server.answer_path(POSES, 1.9 * step, max_poses=100).refusal
+    refused = bench.server.solve_path(POSES, 1.9 * step, max_poses=100).refusal
     assert refused is not None
     assert refused.status is IkStatus.JOINT_VELOCITY_TOO_LARGE
-    assert bench.server.answer_path(POSES, 2.1 * step, max_poses=100).refusal is None
+    assert bench.server.solve_path(POSES, 2.1 * step, max_poses=100).refusal is None
     # From its end the next one starts.
     bench.now += 1.0
     bench.measured = bench.joint_positions(POSES[10])
-    assert bench.server.answer(POSES[10]).accepted
+    assert bench.server.solve(POSES[10]).accepted

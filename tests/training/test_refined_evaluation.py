@@ -44,7 +44,7 @@ def test_the_numbers_are_those_of_a_direct_computation(
     for answer, pose, joints in zip(
         measured.answers, unseen.poses, unseen.joint_positions, strict=True
     ):
-        found = search.refined(answer, pose)
+        found = search.refine(answer, pose)
         if not found.converged:
             continue
         assert ur5e.joint_box.contains(found.joint_positions)

@@ -19,8 +19,8 @@ from annik_core.model.artifact import load_model, model_path, packaged_models
 from annik_core.model.errors import ArtifactNotFound, InvalidMetadata
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
+from annik_core.safety import IkStatus
 from annik_core.solver.ik_solver import IkSolver
-from annik_core.solver.result import IkStatus
 
 
 @pytest.fixture(scope="module")

@@ -22,9 +22,9 @@ from annik_core.model import errors
 from annik_core.model.artifact import MAX_FILE_SIZE, default_model_path, load_model
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
+from annik_core.safety import IkStatus
 from annik_core.serving.ik_server import IkServer
 from annik_core.solver.ik_solver import IkSolver
-from annik_core.solver.result import IkStatus
 
 PACKAGED = default_model_path().read_bytes()
 
@@ -482,7 +482,7 @@ def test_a_network_that_fails_while_it_serves(alone: Callable[[Any], Any]) -> No
     failing = replace(artifact, session=FakeSession(artifact.session, alone), from_features=None)
     with pytest.raises(errors.NetworkFailed, match=r"gantry\.onnx: the network fails"):
         failing.joint_positions(pose[np.newaxis])
-    result = IkServer(IkSolver(failing)).answer(pose)
+    result = IkServer(IkSolver(failing)).solve(pose)
     assert result.status is IkStatus.SOLVER_FAILED
     assert "\n" not in result.reason
 

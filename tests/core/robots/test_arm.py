@@ -21,7 +21,7 @@ from annik_core.pose import FloatArray, pose_difference
 from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
-from annik_core.robots.robot import Robot, base_frame_error_to
+from annik_core.robots.robot import ForwardKinematics, Robot
 
 ARMS = tuple(name for name in packaged_robots() if name != "gantry")
 CONTINUOUS = urdf("abc", J1, joint("j2", "b", "c", "continuous", limit=""))
@@ -276,10 +276,11 @@ class TestKinematics:
             for far in (goal, rng.permutation(q)[0]):
                 target, achieved = arm.forward_kinematics.poses(np.array([far, start]))
                 position, rotation = pose_difference(target, achieved)
-                error = arm.forward_kinematics.error_to(target).error(start)
-                assert error.position == pytest.approx(np.linalg.norm(position), abs=1e-12)
-                assert error.orientation == pytest.approx(np.linalg.norm(rotation), abs=1e-9)
-                assert np.linalg.norm(error.twist[3:]) == pytest.approx(error.orientation)
+                error = arm.forward_kinematics.linearise(start, target)
+                distance, angle = error.residuals
+                assert distance == pytest.approx(np.linalg.norm(position), abs=1e-12)
+                assert angle == pytest.approx(np.linalg.norm(rotation), abs=1e-9)
+                assert np.linalg.norm(error.twist[3:]) == pytest.approx(angle)
                 if far is goal:
                     length = np.linalg.norm(error.twist[:3])
                     assert length == pytest.approx(np.linalg.norm(position), rel=1e-6, abs=1e-12)
@@ -297,46 +298,48 @@ class TestKinematics:
         target[3:] = turned.as_quat()
         for sign in (1, -1):
             target[3:] *= sign
-            error = robot.forward_kinematics.error_to(target).error(q)
-            assert error.orientation == pytest.approx(angle, abs=1e-7)
-            assert error.position < 1e-12
+            distance, found = robot.forward_kinematics.linearise(q, target).residuals
+            assert found == pytest.approx(angle, abs=1e-7)
+            assert distance < 1e-12
 
     def test_the_jacobian_of_the_error_matches_finite_differences(self, arm: Robot) -> None:
         """At the target, where the twist is what the joints' motion takes off."""
         step = 1e-6
         for q in anywhere(arm, 20):
-            function = arm.forward_kinematics.error_to(arm.forward_kinematics.poses(q[None])[0])
-            for index, column in enumerate(function.linearised(q)[1].T):
+            kinematics = arm.forward_kinematics
+            target = kinematics.poses(q[None])[0]
+            for index, column in enumerate(kinematics.linearise(q, target).jacobian.T):
                 aside = step * np.eye(arm.dof)[index]
-                slope = (function.error(q - aside).twist - function.error(q + aside).twist) / step
-                assert column == pytest.approx(slope / 2, abs=1e-7)
+                before, after = (
+                    kinematics.linearise(q + s, target).twist for s in (-aside, aside)
+                )
+                assert column == pytest.approx((before - after) / step / 2, abs=1e-7)
 
-    def test_the_error_agrees_with_that_in_the_base_frame(self, arm: Robot) -> None:
-        """The two forms differ by a rotation of the axes only, so do their Jacobians."""
+    def test_the_error_agrees_with_that_by_poses_and_jacobians(self, arm: Robot) -> None:
+        """Both are in the axes of the end effector; only far off do the twists' lengths differ."""
+        kinematics = arm.forward_kinematics
         for start, goal in anywhere(arm, 40).reshape(20, 2, -1):
-            target = arm.forward_kinematics.poses(goal[None])[0]
-            own = arm.forward_kinematics.error_to(target)
-            plain = base_frame_error_to(arm.forward_kinematics, target)
-            assert own.error(start)[1:] == pytest.approx(plain.error(start)[1:], abs=1e-9)
-            gram = own.linearised(start)[1].T @ own.linearised(start)[1]
-            assert gram == pytest.approx(
-                plain.linearised(start)[1].T @ plain.linearised(start)[1], abs=1e-12
-            )
+            target = kinematics.poses(goal[None])[0]
+            own = kinematics.linearise(start, target)
+            plain = ForwardKinematics.linearise(kinematics, start, target)
+            assert own.residuals == pytest.approx(plain.residuals, abs=1e-9)
+            assert own.displacement == pytest.approx(plain.displacement, abs=1e-12)
+            assert own.jacobian == pytest.approx(plain.jacobian, abs=1e-12)
+            if plain.residuals[1] < math.pi - 1e-3:
+                assert own.twist[3:] == pytest.approx(plain.twist[3:], abs=1e-9)
 
-    def test_errors_to_several_targets_do_not_disturb_each_other(self, arm: Robot) -> None:
+    def test_linearisations_do_not_disturb_each_other(self, arm: Robot) -> None:
         """Though they share Pinocchio's memory."""
         kinematics = arm.forward_kinematics
         q = anywhere(arm, 3)
-        one, other = (kinematics.error_to(pose) for pose in kinematics.poses(q[:2]))
-        twist, jacobian = one.error(q[2]).twist.copy(), one.linearised(q[2])[1].copy()
-        kept = one.error(q[2]).twist, one.linearised(q[2])[1]
-        other.error(q[0])
-        other.linearised(q[1])
+        one, other = kinematics.poses(q[:2])
+        kept = kinematics.linearise(q[2], one)
+        copies = [array.copy() for array in kept]
+        kinematics.linearise(q[0], other)
+        kinematics.linearise(q[1], one)
         kinematics.poses(q)
-        assert np.array_equal(kept[0], twist)
-        assert np.array_equal(kept[1], jacobian)
-        assert np.array_equal(one.linearised(q[2])[1], jacobian)
-        assert np.array_equal(one.error(q[2]).twist, twist)
+        for again in (kept, kinematics.linearise(q[2], one)):
+            assert all(map(np.array_equal, again, copies))
 
 
 class TestWorkspace:

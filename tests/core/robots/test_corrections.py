@@ -380,15 +380,14 @@ class TestKinematics:
             corrections = replace(corrections, pose_network=None)
         kinematics = corrected(nominal, corrections).forward_kinematics
         (joint_positions,) = inside(nominal, 1, seed=5)
-        function = kinematics.error_to(kinematics.poses(joint_positions[np.newaxis])[0])
-        twist, jacobian = function.linearised(joint_positions)
+        target = kinematics.poses(joint_positions[np.newaxis])[0]
+        twist, jacobian, _ = kinematics.linearise(joint_positions, target)
         assert twist == pytest.approx(np.zeros(6), abs=1e-12)
-        jacobian = jacobian.copy()
         for joint in range(nominal.dof):
             move = np.zeros(nominal.dof)
             move[joint] = 1e-5
-            before = function.linearised(joint_positions - move)[0].copy()
-            after = function.linearised(joint_positions + move)[0].copy()
+            before = kinematics.linearise(joint_positions - move, target).twist
+            after = kinematics.linearise(joint_positions + move, target).twist
             assert (before - after) / 2e-5 == pytest.approx(jacobian[:, joint], abs=tolerance)
 
     def test_error_and_residuals_are_of_the_corrected_pose(self, name: str) -> None:
@@ -397,19 +396,16 @@ class TestKinematics:
         kinematics = robot.forward_kinematics
         joint_positions, other = inside(robot, 2, seed=8)
         target, achieved = kinematics.poses(np.array([joint_positions, other]))
-        function = kinematics.error_to(target)
         distance = float(np.linalg.norm(target[:3] - achieved[:3]))
         turn = Rotation.from_quat(target[3:]) * Rotation.from_quat(achieved[3:]).inv()
-        error = function.error(other)
-        assert error.position == pytest.approx(distance, abs=5e-4 * turn.magnitude())
-        assert error.orientation == pytest.approx(turn.magnitude(), abs=1e-9)
-        twist, _ = function.linearised(other)
-        expected = (error.position, error.orientation)
-        assert function.residuals() == pytest.approx(expected, abs=1e-12)
-        assert error.twist == pytest.approx(twist, abs=1e-12)
-        # Of those linearised last, whatever was asked for in between.
-        function.error(joint_positions)
-        assert function.residuals() == pytest.approx(expected, abs=1e-12)
+        error = kinematics.linearise(other, target)
+        position, orientation = error.residuals
+        assert position == pytest.approx(distance, abs=5e-4 * turn.magnitude())
+        assert orientation == pytest.approx(turn.magnitude(), abs=1e-9)
+        assert kinematics.residuals(other, target) == error.residuals
+        # A value: another target, asked for in between, has no effect on it.
+        kinematics.linearise(joint_positions, target)
+        assert error.residuals == (position, orientation)
 
     def test_refinement_converges(self, name: str) -> None:
         """To half a micrometre, in the box, with hardly a step more than the nominal arm takes."""
@@ -422,7 +418,7 @@ class TestKinematics:
             taken = 0
             targets = one.forward_kinematics.poses(joint_positions)
             for start, target in zip(joint_positions + away, targets, strict=True):
-                refined = refinement.refined(start, target)
+                refined = refinement.refine(start, target)
                 assert refined.converged
                 assert one.joint_box.contains(refined.joint_positions)
                 reached = one.forward_kinematics.poses(refined.joint_positions[np.newaxis])[0]

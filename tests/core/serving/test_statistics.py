@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from annik_core.safety import IkStatus, Refusal
 from annik_core.serving.statistics import OutcomeCounts, SolveStatistics
-from annik_core.solver.result import IkResult, IkStatus
+from annik_core.solver.result import IkResult
 
 REFUSALS = [status for status in IkStatus if status is not IkStatus.SUCCESS]
 
@@ -19,7 +20,7 @@ REFUSALS = [status for status in IkStatus if status is not IkStatus.SUCCESS]
 def _result(status: IkStatus) -> IkResult:
     if status is IkStatus.SUCCESS:
         return IkResult(status, np.zeros(6), 0.0, 0.0, 0, "")
-    return IkResult.refused(status, f"because of {status.value}")
+    return IkResult.refused(Refusal(status, f"because of {status.value}"))
 
 
 def test_nothing_received_yet() -> None:
@@ -87,7 +88,7 @@ def test_received_is_accepted_plus_refused_exactly(statuses: list[IkStatus]) -> 
 
 
 def test_expected_errors_are_of_the_model_that_answers() -> None:
-    """After a nominal model was loaded in place of a learned one, nobody knows any."""
+    """After a nominal model was loaded in place of a calibrated one, they are unknown."""
     statistics = SolveStatistics(0.0)
     statistics.record(replace(_result(IkStatus.SUCCESS), expected_position_error=1e-4))
     statistics.record(_result(IkStatus.JOINT_LIMIT))

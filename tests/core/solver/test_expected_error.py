@@ -11,9 +11,14 @@ from support.learned_model import EXPECTED_ANGLE, EXPECTED_ERROR, write_learned_
 
 from annik_core.errors import InvalidValue
 from annik_core.model.artifact import load_model
-from annik_core.safety import AcceptanceLimits, expected_error_violation
+from annik_core.safety import (
+    AcceptanceLimits,
+    Candidate,
+    CommandContext,
+    IkStatus,
+    check_expected_errors,
+)
 from annik_core.solver.ik_solver import IkSolver
-from annik_core.solver.result import IkStatus
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +73,7 @@ def test_outside_the_box_it_states_what_it_states_at_its_face(solver: IkSolver) 
     assert bound.at(upper + 10.0) == bound.at(upper)
 
 
-def test_of_a_model_that_was_not_learned_nobody_knows() -> None:
+def test_of_a_model_that_was_not_calibrated_it_is_unknown() -> None:
     artifact = load_model("ur5e")
     centre = artifact.robot.joint_box.centre[np.newaxis]
     target = artifact.robot.forward_kinematics.poses(centre)[0]
@@ -77,7 +82,7 @@ def test_of_a_model_that_was_not_learned_nobody_knows() -> None:
     assert math.isnan(result.expected_position_error)
     limited = IkSolver(artifact, AcceptanceLimits(max_expected_error=1.0)).solve(target)
     assert limited.status is IkStatus.EXPECTED_ERROR_TOO_LARGE
-    assert "not learned from measured poses" in limited.reason
+    assert "unknown" in limited.reason
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
@@ -88,8 +93,11 @@ def test_a_limit_is_positive(name: str, value: float) -> None:
     assert caught.value.name == name
 
 
-def test_no_limit_accepts_what_nobody_knows() -> None:
-    assert expected_error_violation(math.nan, math.nan, AcceptanceLimits()) is None
+def test_no_limit_accepts_what_is_unknown() -> None:
+    robot = load_model("ur5e").robot
+    candidate = Candidate(robot, np.zeros(7), robot.joint_box.centre)
+    assert all(map(math.isnan, candidate.expected_errors()))
+    assert check_expected_errors(candidate, CommandContext(AcceptanceLimits())) is None
 
 
 def test_a_learned_robot_has_the_nominal_hash_of_the_one_described(solver: IkSolver) -> None:

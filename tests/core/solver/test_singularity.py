@@ -17,7 +17,7 @@ from support.urdf_texts import planar_arm
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_core.solver.singularity import reflected_across_fold
+from annik_core.solver.singularity import reflected_across_singularity
 
 #: Never farther than this [rad], as the module says.
 FARTHEST = 1.5
@@ -48,7 +48,7 @@ def test_the_other_side_of_the_straight_elbow_is_reached(
     planar: Robot, shoulder: float, elbow: float, wrist: float
 ) -> None:
     q = np.array([shoulder, elbow, wrist])
-    beyond = reflected_across_fold(jacobian_of(planar), q, ALL)
+    beyond = reflected_across_singularity(jacobian_of(planar), q, ALL)
     assert side(planar, beyond) == -side(planar, q)
     assert np.sign(beyond[1]) == -np.sign(elbow)
     assert np.linalg.norm(beyond - q) <= FARTHEST + 1e-12
@@ -75,7 +75,7 @@ def test_the_elbow_bent_back_is_a_fold_like_the_straight_one(
 ) -> None:
     """By a Jacobian written out here: any function of that kind will do."""
     q = np.array([shoulder, fold + aside])
-    beyond = reflected_across_fold(two_joint_jacobian, q, np.arange(2))
+    beyond = reflected_across_singularity(two_joint_jacobian, q, np.arange(2))
     assert np.sign(beyond[1] - fold) == -np.sign(aside)
     assert np.linalg.norm(beyond - q) <= FARTHEST + 1e-12
     determinants = [np.linalg.det(two_joint_jacobian(side)) for side in (q, beyond)]
@@ -85,7 +85,7 @@ def test_the_elbow_bent_back_is_a_fold_like_the_straight_one(
 def test_joints_that_are_not_free_stay(planar: Robot) -> None:
     q = np.array([0.3, 0.2, -0.7])
     for free in ([0, 1], [1, 2], [1]):
-        beyond = reflected_across_fold(jacobian_of(planar), q, np.array(free))
+        beyond = reflected_across_singularity(jacobian_of(planar), q, np.array(free))
         locked = [joint for joint in range(3) if joint not in free]
         assert np.array_equal(beyond[locked], q[locked])
 
@@ -94,25 +94,25 @@ def test_without_a_fold_nothing_moves() -> None:
     """A Jacobian that is the same everywhere has none, whether or not it has its full rank."""
     q = np.array([0.1, 0.2, 0.3])
     for constant in (np.eye(6)[:, :3], np.diag([3.0, 2.0, 1.0, 0, 0, 0])[:, :3], np.zeros((6, 3))):
-        assert np.array_equal(reflected_across_fold(lambda q, c=constant: c, q, ALL), q)
+        assert np.array_equal(reflected_across_singularity(lambda q, c=constant: c, q, ALL), q)
 
 
 def test_one_joint_has_no_fold(planar: Robot) -> None:
     q = np.array([0.3, 0.2, -0.7])
-    assert np.array_equal(reflected_across_fold(jacobian_of(planar), q, np.array([2])), q)
+    assert np.array_equal(reflected_across_singularity(jacobian_of(planar), q, np.array([2])), q)
 
 
 def test_the_joint_positions_given_are_not_altered(planar: Robot) -> None:
     q = np.array([0.3, 0.2, -0.7])
     kept = q.copy()
-    assert not np.array_equal(reflected_across_fold(jacobian_of(planar), q, ALL), kept)
+    assert not np.array_equal(reflected_across_singularity(jacobian_of(planar), q, ALL), kept)
     assert np.array_equal(q, kept)
 
 
 def test_on_the_fold_itself_nothing_moves(planar: Robot) -> None:
     """There both sides are equally near."""
     q = np.array([0.3, 0.0, -0.7])
-    assert reflected_across_fold(jacobian_of(planar), q, ALL) == pytest.approx(q, abs=1e-9)
+    assert reflected_across_singularity(jacobian_of(planar), q, ALL) == pytest.approx(q, abs=1e-9)
 
 
 @pytest.mark.parametrize("aside", [0.1, -0.1])
@@ -122,6 +122,6 @@ def test_the_elbow_of_a_ur5e_is_turned_over(aside: float) -> None:
     jacobian = jacobian_of(robot)
     q = robot.joint_box.centre.copy()
     q[2] = aside
-    beyond = reflected_across_fold(jacobian, q, np.arange(6))
+    beyond = reflected_across_singularity(jacobian, q, np.arange(6))
     assert np.sign(beyond[2]) == -np.sign(aside)
     assert np.sign(np.linalg.det(jacobian(beyond))) == -np.sign(np.linalg.det(jacobian(q)))

@@ -132,7 +132,7 @@ def test_no_seven_numbers_make_the_server_raise_or_command_what_is_not_finite(mo
     accepted = 0
     with np.errstate(all="ignore"):
         for pose in _wild_poses(reachable, WILD, 2):
-            result = server.answer(pose)
+            result = server.solve(pose)
             if result.accepted:
                 accepted += 1
                 reached = solver.robot.forward_kinematics.poses(result.joint_positions[None])[0]
@@ -141,7 +141,7 @@ def test_no_seven_numbers_make_the_server_raise_or_command_what_is_not_finite(mo
     outcomes = server.end_period().outcomes
     assert outcomes.received == WILD == outcomes.accepted + outcomes.refused
     assert "solver failed" not in outcomes.refused_by_reason
-    assert any(server.answer(pose).accepted for pose in reachable)
+    assert any(server.solve(pose).accepted for pose in reachable)
 
 
 def _fuzzed_joint_states(count: int) -> list[bytes]:

@@ -22,8 +22,8 @@ from annik_core.errors import RobotMismatch
 from annik_core.model.artifact import load_model
 from annik_core.model.errors import InvalidMetadata
 from annik_core.robots.library import load_robot
+from annik_core.safety import IkStatus
 from annik_core.solver.ik_solver import IkSolver
-from annik_core.solver.result import IkStatus
 from annik_training.calibration.errors import NotMeasured
 from annik_training.calibration.model import Part
 from annik_training.cli.commands import cli, main

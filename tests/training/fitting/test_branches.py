@@ -44,7 +44,7 @@ def on_main_branch(robot: Robot, pose: np.ndarray, attempts: int) -> np.ndarray 
     starts = np.random.default_rng(1).uniform(box.lower, box.upper, (attempts, robot.dof))
     search = Refinement(robot.forward_kinematics, box, RefinementOptions(max_newton_steps=40))
     for start in starts:
-        found = search.refined(start, pose)
+        found = search.refine(start, pose)
         if found.converged and branch_signs(robot, found.joint_positions[np.newaxis])[0] > 0:
             return found.joint_positions
     return None
