@@ -1,33 +1,28 @@
-"""The messages of one MCAP file, up to where it is damaged.
-
-The parts of a record are read by the ``mcap`` library. The walk from record to record is here,
-because a file that was cut must give every message before the cut, also those inside the chunk
-that the cut went through.
-"""
+"""The messages of one MCAP file, up to where it is damaged."""
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Header, Message, Schema
-from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
+from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
 from msg_tools.bags.errors import BagNotReadable
-from msg_tools.bags.writer import LIBRARY
+from msg_tools.bags.provisional_end import LIBRARY
 
-_RECORD_HEAD: Final = struct.Struct("<BQ")
-_CHUNK_HEAD: Final = struct.Struct("<QQQI")
-_MESSAGE_HEAD_SIZE: Final = 22
+#: What a file that ends too early raises; the limit of a record's length is that of the file.
+_CUT_ERRORS: Final = (EndOfFile, RecordLengthLimitExceeded, struct.error)
+#: What altered bytes raise, in the order of the layers that they reach.
 _DAMAGE_ERRORS: Final = (
     McapError,
     ValueError,
@@ -39,153 +34,110 @@ _DAMAGE_ERRORS: Final = (
 )
 
 
-class McapMessage(NamedTuple):
+class RawMessage(NamedTuple):
     """A message as stored.
 
     Attributes:
-        channel: topic, encoding and schema number.
+        topic: absolute topic name.
+        type: such as ``geometry_msgs/msg/Pose``.
         log_time_ns: when it was received [ns since the epoch].
         publish_time_ns: when it was sent [ns since the epoch].
         data: CDR.
+        definition: text of the type; empty if the bag has none.
+        definition_format: ``ros2msg`` or ``ros2idl``.
     """
 
-    channel: Channel
+    topic: str
+    type: str
     log_time_ns: int
     publish_time_ns: int
     data: bytes
+    definition: str
+    definition_format: str
 
 
-class _Record(NamedTuple):
-    opcode: int
-    content: bytes
-    whole: bool
+def mcap_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
+    """Messages in the order of the file.
 
-
-@dataclass
-class McapMessages:
-    """One reading of a file; iterate over it once.
-
-    Attributes:
+    Args:
         path: the MCAP file.
-        channels: by number, as met so far.
-        schemas: by number, as met so far.
-        damage: what was lost, empty when nothing; known once the iteration has ended.
+        damage: gets one sentence per fault.
+
+    Raises:
+        BagNotReadable: if the file can't be opened or does not begin as an MCAP file does.
     """
+    channels: dict[int, Channel] = {}
+    schemas: dict[int, Schema] = {}
+    try:
+        with path.open("rb") as file:
+            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise BagNotReadable(path, "not an MCAP file, or cut in its first bytes")
+            for record in _records(file, damage):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels[record.id] = record
+                elif isinstance(record, Message):
+                    if record.channel_id not in channels:
+                        raise ValueError(f"a message has the unknown channel {record.channel_id}")
+                    channel = channels[record.channel_id]
+                    schema = schemas.get(channel.schema_id)
+                    yield RawMessage(
+                        channel.topic,
+                        schema.name if schema else "",
+                        record.log_time,
+                        record.publish_time,
+                        record.data,
+                        schema.data.decode(errors="replace") if schema else "",
+                        schema.encoding if schema else "",
+                    )
+    except OSError as error:
+        raise BagNotReadable(path, error.strerror or str(error)) from error
+    except _DAMAGE_ERRORS as error:
+        damage.append(f"{path.name}: a record is damaged ({error}); what follows it is lost")
 
-    path: Path
-    channels: dict[int, Channel] = field(default_factory=dict)
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    damage: str = ""
-    _library: str = ""
-    _closed: bool = False
 
-    def __iter__(self) -> Iterator[McapMessage]:
-        """Messages in the order of the file.
-
-        Raises:
-            BagNotReadable: if the file can't be opened or does not begin as an MCAP file does.
-        """
-        try:
-            with self.path.open("rb") as file:
-                if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                    raise BagNotReadable(self.path, "not an MCAP file, or cut in its first bytes")
-                yield from self._messages(file)
-        except OSError as error:
-            raise BagNotReadable(self.path, error.strerror or str(error)) from error
-        if not self._closed and not self.damage:
-            self.damage = "the file has no proper end: it was cut, or its writer was killed"
-
-    def _messages(self, file: BinaryIO) -> Iterator[McapMessage]:
-        for record in _records(file):
+def _records(file: BinaryIO, damage: list[str]) -> Iterator[McapRecord]:
+    """Records behind the magic bytes; those of the chunk that the end of the file cuts, too."""
+    name = Path(file.name).name
+    size = os.fstat(file.fileno()).st_size
+    file.seek(0)
+    start = len(MCAP0_MAGIC)
+    library = ""
+    try:
+        for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+            start = file.tell()
+            if isinstance(record, Header):
+                library = record.library
+            elif isinstance(record, Footer) and not record.summary_start and library == LIBRARY:
+                damage.append(
+                    f"{name}: the recorder was killed; what it received in its last moment is "
+                    "not in the file"
+                )
+            if not isinstance(record, Chunk):
+                yield record
+                continue
             try:
-                if record.opcode == Opcode.CHUNK:
-                    yield from self._chunk_messages(record)
-                elif not record.whole:
-                    self.damage = "the file is cut inside a record"
-                elif record.opcode == Opcode.HEADER:
-                    self._library = Header.read(_stream(record.content)).library
-                elif record.opcode == Opcode.FOOTER:
-                    self._end(Footer.read(_stream(record.content)), file.read(len(MCAP0_MAGIC)))
-                    return
-                else:
-                    message = self._understand(record)
-                    if message is not None:
-                        yield message
+                yield from breakup_chunk(record, validate_crc=True)
             except _DAMAGE_ERRORS as error:
-                self.damage = f"a record is damaged ({error}); what follows it is lost"
-                return
-
-    def _end(self, footer: Footer, magic: bytes) -> None:
-        self._closed = magic == MCAP0_MAGIC
-        if footer.summary_start == 0 and self._library == LIBRARY:
-            self.damage = (
-                "the recorder was killed: what it received in its last moment is not in the file"
-            )
-
-    def _chunk_messages(self, record: _Record) -> Iterator[McapMessage]:
-        if not record.whole:
-            self.damage = "the file is cut inside a chunk; the messages before the cut are read"
-            data = _readable_part_of_chunk(record.content)
-        else:
-            chunk = Chunk.read(_stream(record.content))
-            try:
-                stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-            except CRCValidationError:
-                self.damage = "a chunk fails its checksum; its messages are left out"
-                return
-            data = stream.read(size)
-        for inner in _records(BytesIO(data)):
-            if not inner.whole:
-                self.damage = self.damage or "a chunk ends inside a record"
-                return
-            message = self._understand(inner)
-            if message is not None:
-                yield message
-
-    def _understand(self, record: _Record) -> McapMessage | None:
-        stream = _stream(record.content)
-        if record.opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            self.schemas[schema.id] = schema
-        elif record.opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            self.channels[channel.id] = channel
-        elif record.opcode == Opcode.MESSAGE:
-            if len(record.content) < _MESSAGE_HEAD_SIZE:
-                raise ValueError("a message is shorter than its head")
-            message = Message.read(stream, len(record.content))
-            if message.channel_id not in self.channels:
-                raise ValueError(f"a message is on the unknown channel {message.channel_id}")
-            return McapMessage(
-                self.channels[message.channel_id],
-                message.log_time,
-                message.publish_time,
-                message.data,
-            )
-        return None
+                damage.append(
+                    f"{name}: a chunk fails its checksum or can't be unpacked ({error}); its "
+                    "messages are left out"
+                )
+    except _CUT_ERRORS:
+        damage.append(f"{name}: the file has no proper end; it was cut, or its writer was killed")
+        yield from _records_of_cut_chunk(file, start)
 
 
-def _records(file: BinaryIO) -> Iterator[_Record]:
-    """Records of a file from where it stands; the last one may be cut."""
-    while head := file.read(_RECORD_HEAD.size):
-        if len(head) < _RECORD_HEAD.size:
-            yield _Record(0, b"", whole=False)
-            return
-        opcode, length = _RECORD_HEAD.unpack(head)
-        # A damaged length must not make Python ask for that much memory.
-        content = file.read(min(length, 2**31))
-        yield _Record(opcode, content, whole=len(content) == length)
-
-
-def _stream(content: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(content))
-
-
-def _readable_part_of_chunk(content: bytes) -> bytes:
-    """The records of a cut chunk, as far as they are there; empty if they were compressed."""
-    stream = BytesIO(content)
-    stream.seek(_CHUNK_HEAD.size)
-    lengths = stream.read(4)
-    if lengths != b"\0\0\0\0" or len(stream.read(8)) < 8:
-        return b""
-    return stream.read()
+def _records_of_cut_chunk(file: BinaryIO, start: int) -> Iterator[McapRecord]:
+    """The complete records of a chunk at ``start``; none if it is compressed or no chunk."""
+    file.seek(start)
+    stream = ReadDataStream(file)
+    try:
+        if stream.read1() == Opcode.CHUNK:
+            stream.read8()
+            chunk = Chunk.read(stream)
+            if not chunk.compression:
+                yield from StreamReader(BytesIO(chunk.data), skip_magic=True).records
+    except _DAMAGE_ERRORS:
+        return

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import yaml
-from rosbags.interfaces import Qos, QosTime
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 
 from msg_tools.bags.types import type_hash
 
@@ -16,13 +17,10 @@ METADATA_FILE = "metadata.yaml"
 
 @dataclass
 class RecordedTopic:
-    """What a bag's metadata says about one topic.
+    """One topic in a bag's metadata: absolute name, message type, count.
 
     Attributes:
-        name: absolute topic name.
-        type: message type, known to :mod:`msg_tools.bags.types`.
         offered_qos: quality of service of its publishers, as far as known.
-        message_count: messages in the bag.
     """
 
     name: str
@@ -33,15 +31,10 @@ class RecordedTopic:
 
 @dataclass
 class RecordedSpan:
-    """First and last receive time of a bag's messages [ns since the epoch].
+    """First and last receive time of a bag's messages [ns since the epoch]; None without any."""
 
-    Attributes:
-        first: None while there is no message.
-        last: None while there is no message.
-    """
-
-    first: int | None = field(default=None)
-    last: int | None = field(default=None)
+    first: int | None = None
+    last: int | None = None
 
     def include(self, time: int) -> None:
         """Widen the span to a receive time [ns since the epoch]."""
@@ -56,7 +49,7 @@ class RecordedSpan:
 
 def qos_text(offered_qos: Sequence[Qos]) -> str:
     """Quality of service in the YAML form that an MCAP channel of a bag carries."""
-    return _dump([_qos_entry(qos) for qos in offered_qos]).strip()
+    return _dump(dump_qos_v9(list(offered_qos))).strip()
 
 
 def metadata_text(file_name: str, topics: Sequence[RecordedTopic], span: RecordedSpan) -> str:
@@ -67,7 +60,7 @@ def metadata_text(file_name: str, topics: Sequence[RecordedTopic], span: Recorde
 def bag_information_text(
     file_name: str, topics: Sequence[RecordedTopic], span: RecordedSpan
 ) -> str:
-    """The same without its outer key, as rosbag2 keeps it inside the MCAP file."""
+    """:func:`metadata_text` without its outer key, as rosbag2 keeps it inside the MCAP file."""
     return _dump(bag_information(file_name, topics, span))
 
 
@@ -92,7 +85,7 @@ def bag_information(
                     "name": topic.name,
                     "type": topic.type,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": [_qos_entry(qos) for qos in topic.offered_qos],
+                    "offered_qos_profiles": dump_qos_v9(list(topic.offered_qos)),
                     "type_description_hash": type_hash(topic.type),
                 },
                 "message_count": topic.message_count,
@@ -115,24 +108,6 @@ def _extent(span: RecordedSpan, message_count: int) -> dict[str, Any]:
         "duration": {"nanoseconds": span.duration},
         "message_count": message_count,
     }
-
-
-def _qos_entry(qos: Qos) -> dict[str, Any]:
-    return {
-        "history": qos.history.name.lower(),
-        "depth": qos.depth,
-        "reliability": qos.reliability.name.lower(),
-        "durability": qos.durability.name.lower(),
-        "deadline": _time_entry(qos.deadline),
-        "lifespan": _time_entry(qos.lifespan),
-        "liveliness": qos.liveliness.name.lower(),
-        "liveliness_lease_duration": _time_entry(qos.liveliness_lease_duration),
-        "avoid_ros_namespace_conventions": qos.avoid_ros_namespace_conventions,
-    }
-
-
-def _time_entry(time: QosTime) -> dict[str, int]:
-    return {"sec": time.sec, "nsec": time.nsec}
 
 
 def _dump(content: object) -> str:

@@ -1,9 +1,8 @@
-"""A growing MCAP file that is a closed one at every moment.
+"""A growing MCAP file with a valid end at every moment.
 
-Readers of ROS 2 bags refuse an MCAP file without a footer, which is what a killed writer leaves.
-So each flush writes the new records *and* the shortest valid end of file after them in one system
-call, and the next flush begins by overwriting that end. The end costs 50 bytes and is never read
-by who reads a bag that was closed properly.
+Readers of ROS 2 bags refuse an MCAP file without a footer, as a killed writer leaves it. So each
+flush writes the new records *and* the shortest valid end of file (50 bytes) in one system call;
+the next flush overwrites that end.
 """
 
 from __future__ import annotations
@@ -15,6 +14,9 @@ from typing import Final
 from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC
+
+#: Library name in the header, by which a reader recognises a bag of annik that was never closed.
+LIBRARY: Final = "annik"
 
 
 def _shortest_end() -> bytes:
@@ -29,7 +31,7 @@ SHORTEST_END: Final = _shortest_end()
 
 
 class ClosedMcapFile:
-    """The output stream of an ``mcap.writer.Writer``; its bytes reach the file at each flush."""
+    """Output stream for an ``mcap.writer.Writer``; bytes reach the file at each flush."""
 
     def __init__(self, path: Path) -> None:
         """Create the file.
@@ -46,29 +48,29 @@ class ClosedMcapFile:
         self._written = 0
 
     def write(self, data: bytes) -> int:
-        """Take bytes for the next flush and give back their count."""
+        """Keep bytes for the next flush; return their count."""
         self._pending.append(bytes(data))
         self._pending_size += len(data)
         return len(data)
 
     def tell(self) -> int:
-        """Bytes taken so far, which is where the next ones will be in the file."""
+        """Offset in the file of the next byte."""
         return self._written + self._pending_size
 
     def flush(self) -> None:
-        """Write what is pending, followed by an end of file.
+        """Write the pending bytes, followed by an end of file.
 
         Raises:
-            OSError: if it can't be written; the file then holds all earlier flushes and is closed.
+            OSError: if they can't be written; the file then holds all earlier flushes and its end.
         """
         if self._pending:
             self._write_pending(SHORTEST_END)
 
     def close(self, *, with_own_end: bool) -> None:
-        """Write what is pending and close the file; a second call does nothing.
+        """Write the pending bytes and close the file; a second call does nothing.
 
         Args:
-            with_own_end: the pending bytes bring the end of the file themselves.
+            with_own_end: whether the pending bytes include the end of the file.
 
         Raises:
             OSError: as :meth:`flush`; the file is closed all the same.
@@ -94,7 +96,7 @@ class ClosedMcapFile:
         self._written += len(data)
 
     def _roll_back(self) -> None:
-        # Overwriting blocks that the file already has works on a full disk too.
+        # Blocks that the file already has can be overwritten on a full disk too.
         if self._written:
             self._write_at(SHORTEST_END, self._written)
             os.ftruncate(self._descriptor, self._written + len(SHORTEST_END))

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from msg_tools.bags.errors import BagNotFound, BagNotReadable
-from msg_tools.bags.mcap_messages import McapMessages
+from msg_tools.bags.mcap_messages import RawMessage, mcap_messages
 from msg_tools.bags.metadata import METADATA_FILE
 from msg_tools.bags.types import is_known_type, jazzy_types
 
@@ -55,16 +55,6 @@ class BagTopic(NamedTuple):
     name: str
     type: str
     message_count: int
-
-
-class _Raw(NamedTuple):
-    topic: str
-    type: str
-    log_time_ns: int
-    publish_time_ns: int
-    data: bytes
-    definition: str
-    definition_format: str
 
 
 @dataclass(frozen=True)
@@ -142,7 +132,7 @@ def read_bag(path: Path) -> Bag:
     return Bag(path, topics, not damage, tuple(damage), has_publish_times)
 
 
-def _raw_messages(path: Path, damage: list[str]) -> Iterator[_Raw]:
+def _raw_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
     """Undecoded messages of all files of a bag; notes in ``damage`` what could not be read."""
     if path.is_file() and path.suffix in _STORAGE_SUFFIXES:
         files = [path]
@@ -158,20 +148,7 @@ def _raw_messages(path: Path, damage: list[str]) -> Iterator[_Raw]:
     for file in files:
         try:
             if file.suffix == ".mcap":
-                messages = McapMessages(file)
-                for message in messages:
-                    schema = messages.schemas.get(message.channel.schema_id)
-                    yield _Raw(
-                        message.channel.topic,
-                        schema.name if schema else "",
-                        message.log_time_ns,
-                        message.publish_time_ns,
-                        message.data,
-                        schema.data.decode(errors="replace") if schema else "",
-                        schema.encoding if schema else "",
-                    )
-                if messages.damage:
-                    damage.append(f"{file.name}: {messages.damage}")
+                yield from mcap_messages(file, damage)
             else:
                 yield from _rosbags_messages(file)
         except BagNotReadable as error:
@@ -181,7 +158,7 @@ def _raw_messages(path: Path, damage: list[str]) -> Iterator[_Raw]:
         raise failures[0]
 
 
-def _rosbags_messages(path: Path) -> Iterator[_Raw]:
+def _rosbags_messages(path: Path) -> Iterator[RawMessage]:
     with ExitStack() as stack:
         # The reader lets through whatever its database, YAML and decompression libraries raise.
         try:
@@ -196,7 +173,7 @@ def _rosbags_messages(path: Path) -> Iterator[_Raw]:
                 return
             except Exception as error:
                 raise BagNotReadable(path, str(error)) from error
-            yield _Raw(
+            yield RawMessage(
                 connection.topic,
                 connection.msgtype,
                 time,
@@ -252,7 +229,7 @@ def _natural_order(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
 
-def _types_for(raw: _Raw, extra: Typestore, path: Path) -> Typestore:
+def _types_for(raw: RawMessage, extra: Typestore, path: Path) -> Typestore:
     """The store that knows the message's type; what Jazzy has not is learned from the bag."""
     if is_known_type(raw.type):
         return jazzy_types()

@@ -22,7 +22,7 @@ from msg_tools.bags.metadata import (
     metadata_text,
     qos_text,
 )
-from msg_tools.bags.provisional_end import ClosedMcapFile
+from msg_tools.bags.provisional_end import LIBRARY, ClosedMcapFile
 from msg_tools.bags.types import is_known_type, message_definition, type_hash
 
 #: Messages go to the operating system at the latest after so many bytes or so many seconds.
@@ -30,9 +30,6 @@ CHUNK_SIZE: Final = 64 * 1024
 FLUSH_INTERVAL: Final = 0.1
 #: How often the counts in metadata.yaml are brought up to date while writing [s].
 METADATA_INTERVAL: Final = 2.0
-
-#: Named in the file, so that a reader can tell a bag of ours that was never closed.
-LIBRARY: Final = "annik"
 
 
 class BagWriter:
