@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from annik_core.serving.stamps import LAST_STAMP
 from annik_core.serving.statistics import OutcomeSummary, SolveSummary
 from annik_ros.diagnostic_values import LEAST_RATE, MANY
-from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
 from msg_tools.topics import DIAGNOSTICS
 
 #: Time between two reports [s].
@@ -146,5 +146,5 @@ class DiagnosticsPublisher:
     def _publish(self) -> None:
         name = self._node.get_fully_qualified_name().lstrip("/")
         # A simulated clock may show a time that is too late for any message.
-        stamp = stamp_to_message(min(self._node.get_clock().now().nanoseconds, LAST_STAMP))
+        stamp = stamp_from_nanoseconds(min(self._node.get_clock().now().nanoseconds, LAST_STAMP))
         self._publisher.publish(diagnostic_array(self._report(), name, stamp))

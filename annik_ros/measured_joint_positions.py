@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray
-from msg_tools.conversions.joint_state import joint_positions_from_message
+from msg_tools.conversions.joint_state import joint_state_to_array
 from msg_tools.topics import JOINT_STATES
 
 #: How many messages to look through: others may publish the states of a gripper in between.
@@ -76,7 +76,7 @@ class MeasuredJointPositions:
     def _read(self, data: bytes) -> FloatArray | None:
         try:
             message = deserialize_message(data, JointState)
-            return joint_positions_from_message(message, self._joint_names)
+            return joint_state_to_array(message, self._joint_names)
         except (AnnikError, RuntimeError, ValueError):
             # Not for this robot, or not a joint state at all; an older one may do.
             return None

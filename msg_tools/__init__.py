@@ -1,1 +1,64 @@
-"""Messages to numpy and back, bags, and the report of a bag."""
+"""ROS messages to numpy arrays and back, bags, and the report of a bag.
+
+The names below are loaded on first use: bags are read without the ROS message packages.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from msg_tools.bags.errors import BagNotFound, BagNotReadable
+    from msg_tools.bags.reader import Bag, read_bag
+    from msg_tools.bags.writer import BagWriter
+    from msg_tools.conversions.joint_state import joint_state_from_array, joint_state_to_array
+    from msg_tools.conversions.pose import pose_from_array, pose_stamped_from_array, pose_to_array
+    from msg_tools.report.tracking import TrackingReport, tracking_report
+    from msg_tools.report.write import write_report
+
+__all__ = [
+    "Bag",
+    "BagNotFound",
+    "BagNotReadable",
+    "BagWriter",
+    "TrackingReport",
+    "joint_state_from_array",
+    "joint_state_to_array",
+    "pose_from_array",
+    "pose_stamped_from_array",
+    "pose_to_array",
+    "read_bag",
+    "tracking_report",
+    "write_report",
+]
+
+_MODULES = {
+    "Bag": "bags.reader",
+    "BagNotFound": "bags.errors",
+    "BagNotReadable": "bags.errors",
+    "BagWriter": "bags.writer",
+    "TrackingReport": "report.tracking",
+    "joint_state_from_array": "conversions.joint_state",
+    "joint_state_to_array": "conversions.joint_state",
+    "pose_from_array": "conversions.pose",
+    "pose_stamped_from_array": "conversions.pose",
+    "pose_to_array": "conversions.pose",
+    "read_bag": "bags.reader",
+    "tracking_report": "report.tracking",
+    "write_report": "report.write",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on first use (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, for completion."""
+    return sorted(__all__)

@@ -20,7 +20,7 @@ from annik_core.collection.errors import CollectionIncomplete
 from annik_core.collection.journal import CollectionJournal, open_journal
 from annik_core.dataset import load_dataset, save_dataset
 from annik_core.errors import AnnikError, NonFiniteValue, NotUnitQuaternion
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.robot import Robot
 from annik_core.serving.stamps import LAST_STAMP
 from annik_core.serving.statistics import OutcomeCounts
@@ -31,9 +31,9 @@ from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
 from annik_ros.run_node import one_line, run_node
 from annik_ros.throttle import Throttle
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.pose import pose_from_message
-from msg_tools.conversions.stamp import stamp_from_message, stamp_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.pose import pose_to_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds, stamp_to_nanoseconds
 from msg_tools.topics import JOINT_COMMAND, JOINT_STATES, MEASURED_POSE
 
 NODE_NAME: Final = "example_collector"
@@ -227,8 +227,8 @@ class ExampleCollector(Node):
 
     def _publish(self, command: FloatArray) -> None:
         # A simulated clock may show a time that is too late for any message.
-        stamp = stamp_to_message(min(self.get_clock().now().nanoseconds, LAST_STAMP))
-        self._publisher.publish(joint_state_to_message(self._robot.joint_names, command, stamp))
+        stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))
+        self._publisher.publish(joint_state_from_array(command, self._robot.joint_names, stamp))
 
     def _on_pose(self, message: PoseStamped) -> None:
         now = time.monotonic()
@@ -248,12 +248,12 @@ class ExampleCollector(Node):
         frame = message.header.frame_id
         if frame not in ("", self._robot.base_frame):
             raise WrongPoseFrame(frame, self._robot.base_frame)
-        nanoseconds = stamp_from_message(message.header.stamp)
+        nanoseconds = stamp_to_nanoseconds(message.header.stamp)
         # Who has no clock leaves the stamp at zero.
         if nanoseconds != 0 and nanoseconds == self._last_stamp:
             raise RepeatedPose(nanoseconds)
         self._last_stamp = nanoseconds
-        return pose_from_message(message.pose)
+        return checked_pose(pose_to_array(message.pose))
 
     def _report(self) -> DiagnosticReport:
         now = time.monotonic()

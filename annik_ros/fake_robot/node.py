@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from annik_core.errors import AnnikError
 from annik_core.model.artifact import load_model
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.serving.stamps import LAST_STAMP, StampPairing
@@ -29,10 +29,10 @@ from annik_ros.parameters import InvalidParameter
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.run_node import run_node
 from annik_ros.throttle import Throttle
-from msg_tools.conversions.joint_state import joint_positions_from_message, joint_state_to_message
-from msg_tools.conversions.pose import pose_from_message, pose_stamped_to_message
-from msg_tools.conversions.stamp import MalformedStamp, stamp_from_message, stamp_to_message
-from msg_tools.conversions.vector3 import vector3_stamped_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array, joint_state_to_array
+from msg_tools.conversions.pose import pose_stamped_from_array, pose_to_array
+from msg_tools.conversions.stamp import InvalidStamp, stamp_from_nanoseconds, stamp_to_nanoseconds
+from msg_tools.conversions.vector3 import vector3_stamped_from_array
 from msg_tools.topics import (
     ACCEPTED_TARGET,
     ACHIEVED_POSE,
@@ -95,8 +95,8 @@ class FakeRobotNode(Node):
         robot = self._fake_robot.robot
         try:
             # Before the robot moves: without a stamp, the result can't be told from others.
-            nanoseconds = stamp_from_message(message.header.stamp)
-            joint_positions = joint_positions_from_message(message, robot.joint_names)
+            nanoseconds = stamp_to_nanoseconds(message.header.stamp)
+            joint_positions = joint_state_to_array(message, robot.joint_names)
             achieved = self._fake_robot.move_to(joint_positions)
         except AnnikError as error:
             self._counts.record_refused(_refusal_reason(error), str(error))
@@ -105,31 +105,31 @@ class FakeRobotNode(Node):
         self._counts.record_accepted()
         stamp = message.header.stamp
         self._state_publisher.publish(
-            joint_state_to_message(robot.joint_names, joint_positions, stamp)
+            joint_state_from_array(joint_positions, robot.joint_names, stamp)
         )
-        self._pose_publisher.publish(pose_stamped_to_message(achieved, stamp, robot.base_frame))
+        self._pose_publisher.publish(pose_stamped_from_array(achieved, stamp, robot.base_frame))
         self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
 
     def _measure(self) -> None:
         """Publish where joints and end effector are measured to be, with one stamp."""
         robot = self._fake_robot.robot
         # A simulated clock may show a time that is too late for any message.
-        stamp = stamp_to_message(min(self.get_clock().now().nanoseconds, LAST_STAMP))
+        stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))
         # What the encoders show: they are before all that is imperfect.
         self._state_publisher.publish(
-            joint_state_to_message(robot.joint_names, self._fake_robot.joint_positions, stamp)
+            joint_state_from_array(self._fake_robot.joint_positions, robot.joint_names, stamp)
         )
         pose = self._fake_robot.measure(self._noise)
         if pose is None:
             self._measurements_dropped += 1
             return
-        self._measurement_publisher.publish(pose_stamped_to_message(pose, stamp, robot.base_frame))
+        self._measurement_publisher.publish(pose_stamped_from_array(pose, stamp, robot.base_frame))
         self._measurements_published += 1
 
     def _on_target(self, message: PoseStamped) -> None:
         try:
-            nanoseconds = stamp_from_message(message.header.stamp)
-            target = pose_from_message(message.pose)
+            nanoseconds = stamp_to_nanoseconds(message.header.stamp)
+            target = checked_pose(pose_to_array(message.pose))
         except AnnikError as error:
             self._refused_targets += 1
             self._warn(f"accepted target ignored: {error}")
@@ -140,13 +140,13 @@ class FakeRobotNode(Node):
         if pair is None:
             return
         error = tracking_error(*pair)
-        stamp = stamp_to_message(nanoseconds)
+        stamp = stamp_from_nanoseconds(nanoseconds)
         frame = self._fake_robot.robot.base_frame
         self._position_error_publisher.publish(
-            vector3_stamped_to_message(error.position, stamp, frame)
+            vector3_stamped_from_array(error.position, stamp, frame)
         )
         self._orientation_error_publisher.publish(
-            vector3_stamped_to_message(error.orientation, stamp, frame)
+            vector3_stamped_from_array(error.orientation, stamp, frame)
         )
 
     def _warn(self, text: str) -> None:
@@ -172,7 +172,7 @@ class FakeRobotNode(Node):
 
 
 def _refusal_reason(error: AnnikError) -> str:
-    return "malformed stamp" if isinstance(error, MalformedStamp) else refusal_reason(error)
+    return "malformed stamp" if isinstance(error, InvalidStamp) else refusal_reason(error)
 
 
 def _load(parameters: FakeRobotParameters) -> Robot:

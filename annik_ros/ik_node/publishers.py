@@ -29,13 +29,13 @@ from annik_core.serving.stamps import UniqueStamps
 from annik_core.solver.result import IkResult
 from annik_ros.ik_node.parameters import IkNodeParameters
 from annik_ros.qos import RESULT_DEPTH, reliable
-from msg_tools.conversions.joint_state import joint_state_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.joint_trajectory import (
-    joint_trajectory_to_message,
-    position_array_to_message,
+    joint_trajectory_from_array,
+    position_command_from_array,
 )
-from msg_tools.conversions.pose import pose_stamped_to_message
-from msg_tools.conversions.stamp import split_stamp, stamp_to_message
+from msg_tools.conversions.pose import pose_stamped_from_array
+from msg_tools.conversions.stamp import split_stamp, stamp_from_nanoseconds
 from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, JOINT_TRAJECTORY, POSITION_COMMANDS
 
 #: A stamp that no clock shows [ns].
@@ -53,7 +53,7 @@ class MessageTemplate:
     def __init__(self, make_message: Callable[[Time, list[float]], Any], size: int) -> None:
         # Found by looking for them, so that no layout need be known here.
         numbers = [-7.25e300 - 1e290 * index for index in range(size)]
-        self._data = bytearray(_serialized(make_message(stamp_to_message(_STAMP), numbers)))
+        self._data = bytearray(_serialized(make_message(stamp_from_nanoseconds(_STAMP), numbers)))
         self._stamp = struct.Struct("=iI")
         self._numbers = struct.Struct(f"={size}d")
         self._stamp_position = self._data.index(self._stamp.pack(*split_stamp(_STAMP)))
@@ -63,7 +63,7 @@ class MessageTemplate:
         """The message with this stamp [ns] and these numbers ``(size,)``.
 
         Raises:
-            StampOutOfRange: if the stamp does not fit into a message.
+            InvalidStamp: if the stamp does not fit into a message.
         """
         self._stamp.pack_into(self._data, self._stamp_position, *split_stamp(stamp))
         self._numbers.pack_into(self._data, self._numbers_position, *numbers.tolist())
@@ -118,11 +118,11 @@ class CommandPublishers:
             Float64MultiArray, POSITION_COMMANDS.name, results
         )
         self._command = MessageTemplate(
-            lambda stamp, numbers: joint_state_to_message(robot.joint_names, numbers, stamp),
+            lambda stamp, numbers: joint_state_from_array(numbers, robot.joint_names, stamp),
             robot.dof,
         )
         self._target = MessageTemplate(
-            lambda stamp, numbers: pose_stamped_to_message(numbers, stamp, robot.base_frame), 7
+            lambda stamp, numbers: pose_stamped_from_array(numbers, stamp, robot.base_frame), 7
         )
         self._last: FloatArray | None = None
 
@@ -170,10 +170,10 @@ class CommandPublishers:
         if self.options.publish_joint_trajectory:
             self._trajectory_publisher.publish(self._trajectory(joint_positions[np.newaxis]))
         if self.options.publish_position_commands:
-            self._positions_publisher.publish(position_array_to_message(joint_positions))
+            self._positions_publisher.publish(position_command_from_array(joint_positions))
         return stamp
 
     def _trajectory(self, joint_positions: FloatArray) -> JointTrajectory:
-        return joint_trajectory_to_message(
-            self._robot.joint_names, joint_positions, self.options.trajectory_interval
+        return joint_trajectory_from_array(
+            joint_positions, self._robot.joint_names, self.options.trajectory_interval
         )

@@ -23,7 +23,7 @@ from annik_ros.parameters import InvalidParameter
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.run_node import run_node
 from annik_ros.target_publisher.parameters import TargetPublisherParameters
-from msg_tools.conversions.pose import pose_stamped_to_message, pose_to_message
+from msg_tools.conversions.pose import pose_from_array, pose_stamped_from_array
 from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED
 
 NODE_NAME = "target_publisher"
@@ -128,9 +128,9 @@ class TargetPublisher(Node):
             return
         if self._options.stamped:
             stamp = self.get_clock().now().to_msg()
-            message = pose_stamped_to_message(target, stamp, self._options.frame_id)
+            message = pose_stamped_from_array(target, stamp, self._options.frame_id)
         else:
-            message = pose_to_message(target)
+            message = pose_from_array(target)
         self._publisher.publish(message)
         self._published += 1
 

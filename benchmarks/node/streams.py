@@ -23,7 +23,7 @@ from benchmarks.node.settings import StreamPlan
 from benchmarks.node.target_stream import Stream, TargetStreams
 from benchmarks.node.targets import pose_to_bytes, random_poses
 from msg_tools.conversions.cdr import pose_stamped_from_bytes
-from msg_tools.conversions.stamp import stamp_from_message
+from msg_tools.conversions.stamp import stamp_to_nanoseconds
 from msg_tools.topics import TARGET_POSE
 
 #: Answers that must have come before a stream begins.
@@ -144,14 +144,14 @@ def _null_answers(link: Link) -> list[tuple[float, int]]:
     """The same of a null node, whose commands say so themselves."""
     messages = (deserialize_message(data, JointState) for data in link.commands)
     return [
-        (float(message.position[0]), stamp_from_message(message.header.stamp))
+        (float(message.position[0]), stamp_to_nanoseconds(message.header.stamp))
         for message in messages
     ]
 
 
 def _stamp_of_command(data: bytes) -> int:
     """The stamp of a ``joint_command`` [ns]."""
-    return stamp_from_message(deserialize_message(data, JointState).header.stamp)
+    return stamp_to_nanoseconds(deserialize_message(data, JointState).header.stamp)
 
 
 def _result(

@@ -1,8 +1,7 @@
-"""Targets as arrays, straight from the bytes that DDS carries (plain CDR, OMG DDSI-RTPS 10.2).
+"""Targets as arrays, directly from the bytes that DDS carries (plain CDR, OMG DDSI-RTPS 10.2).
 
-To read a pose from its bytes takes a few microseconds; to let the middleware make a message first,
-and read that, takes many times as long. And what is no message at all is seen, named and counted
-here, where the middleware would drop it.
+This takes a few microseconds, a message made by the middleware many times as long. Malformed bytes
+are an error here; the middleware drops them silently.
 """
 
 from __future__ import annotations
@@ -14,14 +13,14 @@ import numpy as np
 
 from annik_core.errors import ConversionError
 from annik_core.pose import FloatArray
-from msg_tools.conversions.stamp import NANOSECONDS_PER_SECOND, MalformedStamp
+from msg_tools.conversions.stamp import join_stamp
 
 #: Encapsulation header: representation identifier (CDR, big or little endian) and options.
 _HEADER_SIZE = 4
 _BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 _POSES = {order: struct.Struct(f"{order}7d") for order in _BYTE_ORDERS.values()}
 _POSE_SIZE = 7 * 8
-#: The last bytes may fill up a word.
+#: Bytes that may pad the last word.
 _MOST_PADDING = 3
 _LONGEST_FRAME_ID = 1024
 
@@ -36,12 +35,12 @@ class MalformedMessage(ConversionError):
 
 
 class StampedPoses(NamedTuple):
-    """What a PoseStamped or a PoseArray says.
+    """Content of a PoseStamped or a PoseArray.
 
     Attributes:
         nanoseconds: the stamp, since the epoch of the clock that made it [ns].
-        frame_id: as it stands in the message.
-        poses: ``(n, 7)`` unchecked; a PoseStamped has one.
+        frame_id: as in the message.
+        poses: ``(n, 7)``, unchecked; one row for a PoseStamped.
     """
 
     nanoseconds: int
@@ -50,7 +49,7 @@ class StampedPoses(NamedTuple):
 
 
 def pose_from_bytes(data: bytes) -> FloatArray:
-    """The seven numbers ``(7,)`` of a ``geometry_msgs/msg/Pose`` as they are.
+    """The seven numbers ``(7,)`` of a ``geometry_msgs/msg/Pose``, unchecked.
 
     Raises:
         MalformedMessage: if the bytes are not those of a Pose.
@@ -59,7 +58,7 @@ def pose_from_bytes(data: bytes) -> FloatArray:
 
 
 def pose_numbers_from_bytes(data: bytes) -> tuple[float, ...]:
-    """:func:`pose_from_bytes` as a tuple, for who makes an array of it anyway.
+    """:func:`pose_from_bytes` as a tuple, for callers that build an array.
 
     Raises:
         MalformedMessage: if the bytes are not those of a Pose.
@@ -71,22 +70,22 @@ def pose_numbers_from_bytes(data: bytes) -> tuple[float, ...]:
 
 
 def pose_stamped_from_bytes(data: bytes) -> StampedPoses:
-    """What a ``geometry_msgs/msg/PoseStamped`` says; its pose is unchecked.
+    """Content of a ``geometry_msgs/msg/PoseStamped``.
 
     Raises:
         MalformedMessage: if the bytes are not those of a PoseStamped.
-        MalformedStamp: if the stamp's nanoseconds are a second or more.
+        InvalidStamp: if the stamp's nanoseconds are a second or more.
     """
     order, nanoseconds, frame_id, position = _header(data, "PoseStamped")
     return StampedPoses(nanoseconds, frame_id, _poses(data, order, position, 1, "PoseStamped"))
 
 
 def pose_array_from_bytes(data: bytes) -> StampedPoses:
-    """What a ``geometry_msgs/msg/PoseArray`` says; its poses are unchecked.
+    """Content of a ``geometry_msgs/msg/PoseArray``.
 
     Raises:
         MalformedMessage: if the bytes are not those of a PoseArray.
-        MalformedStamp: if the stamp's nanoseconds are a second or more.
+        InvalidStamp: if the stamp's nanoseconds are a second or more.
     """
     order, nanoseconds, frame_id, position = _header(data, "PoseArray")
     position = _aligned(position, 4)
@@ -104,12 +103,12 @@ def _byte_order(data: bytes, message_type: str) -> str:
     order = _BYTE_ORDERS.get(bytes(data[:2]))
     if order is None or len(data) < _HEADER_SIZE:
         begin = bytes(data[:_HEADER_SIZE]).hex(" ") or "nothing"
-        raise MalformedMessage(message_type, f"it begins with {begin}, which is no CDR")
+        raise MalformedMessage(message_type, f"it begins with {begin}, which is not CDR")
     return order
 
 
 def _header(data: bytes, message_type: str) -> tuple[str, int, str, int]:
-    """The byte order; stamp [ns], frame and end of the ``std_msgs/msg/Header`` that follows."""
+    """Byte order of the message; stamp [ns], frame and end of its ``std_msgs/msg/Header``."""
     order = _byte_order(data, message_type)
     start = _HEADER_SIZE + 12
     if len(data) < start:
@@ -121,13 +120,12 @@ def _header(data: bytes, message_type: str) -> tuple[str, int, str, int]:
     text = bytes(data[start:end])
     if len(data) < end or text[-1] != 0:
         raise MalformedMessage(message_type, "its frame_id has no end")
-    if nanosec >= NANOSECONDS_PER_SECOND:
-        raise MalformedStamp(nanosec)
+    stamp = join_stamp(seconds, nanosec)
     try:
         frame_id = text[:-1].decode()
     except UnicodeDecodeError as error:
-        raise MalformedMessage(message_type, "its frame_id is no UTF-8 text") from error
-    return order, seconds * NANOSECONDS_PER_SECOND + nanosec, frame_id, end
+        raise MalformedMessage(message_type, "its frame_id is not UTF-8") from error
+    return order, stamp, frame_id, end
 
 
 def _poses(data: bytes, order: str, position: int, count: int, message_type: str) -> FloatArray:
@@ -138,7 +136,7 @@ def _poses(data: bytes, order: str, position: int, count: int, message_type: str
 
 
 def _aligned(position: int, size: int) -> int:
-    """The next position at a multiple of ``size``, counted from behind the header."""
+    """The next position aligned to ``size`` bytes, counted from the end of the header."""
     return _HEADER_SIZE + -(-(position - _HEADER_SIZE) // size) * size
 
 

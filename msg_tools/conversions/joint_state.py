@@ -15,15 +15,14 @@ from annik_core.errors import MalformedJointState, MissingJoint, NonFiniteValue,
 from annik_core.pose import FloatArray
 
 
-def joint_positions_from_message(message: JointState, joint_names: Sequence[str]) -> FloatArray:
+def joint_state_to_array(message: JointState, joint_names: Sequence[str]) -> FloatArray:
     """Joint positions ``(dof,)`` [rad or m] in the order of ``joint_names``.
 
-    The order of the message does not matter, and joints that are not in ``joint_names`` are
-    ignored, whatever their positions. Velocities and efforts are not read.
+    Other joints of the message, its velocities and its efforts are ignored.
 
     Raises:
         MalformedJointState: if a name occurs twice, or there is not one position per name.
-        MissingJoint: if a joint is not in the message; names all that are missing.
+        MissingJoint: if joints are not in the message; names all of them.
         NonFiniteValue: if a position is NaN or infinite; names the joint.
     """
     names = list(message.name)
@@ -42,10 +41,15 @@ def joint_positions_from_message(message: JointState, joint_names: Sequence[str]
     return np.array([float(positions[name]) for name in joint_names], dtype=np.float64)
 
 
-def joint_state_to_message(
-    joint_names: Sequence[str], joint_positions: ArrayLike, stamp: Time
+def joint_state_from_array(
+    joint_positions: ArrayLike, joint_names: Sequence[str], stamp: Time | None = None
 ) -> JointState:
-    """The message of joint positions ``(dof,)`` [rad or m]; no velocities, no efforts.
+    """The message of joint positions ``(dof,)`` [rad or m], without velocities and efforts.
+
+    Args:
+        joint_positions: in the order of ``joint_names``.
+        joint_names: names of the joints.
+        stamp: of the header; zero if left out.
 
     Raises:
         WrongShape: if there is not one position per name.
@@ -53,4 +57,5 @@ def joint_state_to_message(
     array = np.asarray(joint_positions, dtype=np.float64)
     if array.shape != (len(joint_names),):
         raise WrongShape("joint positions", array.shape, f"({len(joint_names)},), one per name")
-    return JointState(header=Header(stamp=stamp), name=list(joint_names), position=array.tolist())
+    header = Header() if stamp is None else Header(stamp=stamp)
+    return JointState(header=header, name=list(joint_names), position=array.tolist())

@@ -1,4 +1,4 @@
-"""Joint positions as the messages that ros2_control's controllers take."""
+"""Joint positions as messages for the controllers of ros2_control."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from annik_core.errors import WrongShape
 
 
-def joint_trajectory_to_message(
-    joint_names: Sequence[str], joint_positions: ArrayLike, interval: float
+def joint_trajectory_from_array(
+    joint_positions: ArrayLike, joint_names: Sequence[str], interval: float
 ) -> JointTrajectory:
-    """The message of joint positions ``(n, dof)`` [rad or m], ``interval`` [s] apart.
+    """The trajectory through joint positions ``(n, dof)`` [rad or m], ``interval`` [s] apart.
 
-    The first is to be reached after one interval. The stamp is zero, which means to begin at once.
+    The first row is due after one interval. The stamp is zero: start at once.
 
     Raises:
         WrongShape: if a row has not one position per name.
@@ -33,8 +33,8 @@ def joint_trajectory_to_message(
     return JointTrajectory(joint_names=list(joint_names), points=points)
 
 
-def position_array_to_message(joint_positions: ArrayLike) -> Float64MultiArray:
-    """The message of joint positions ``(dof,)`` [rad or m], in the order of the joints."""
+def position_command_from_array(joint_positions: ArrayLike) -> Float64MultiArray:
+    """The command of joint positions ``(dof,)`` [rad or m], in the order of the joints."""
     return Float64MultiArray(data=np.asarray(joint_positions, dtype=np.float64).tolist())
 
 

@@ -1,4 +1,4 @@
-"""Pose messages as arrays ``(7,)``: x, y, z [m], unit quaternion x, y, z, w; and back."""
+"""Pose messages as arrays ``(7,)`` and back: x, y, z [m], quaternion x, y, z, w."""
 
 from __future__ import annotations
 
@@ -9,24 +9,14 @@ from numpy.typing import ArrayLike
 from std_msgs.msg import Header
 
 from annik_core.errors import WrongShape
-from annik_core.pose import FloatArray, checked_pose
+from annik_core.pose import FloatArray
 
 
-def pose_from_message(message: Pose) -> FloatArray:
-    """The pose ``(7,)`` of a message, checked, with the quaternion normalised.
+def pose_to_array(message: Pose) -> FloatArray:
+    """The seven numbers ``(7,)`` of a message, unchecked.
 
-    Raises:
-        NonFiniteValue: if a field is NaN or infinite; names it.
-        NotUnitQuaternion: if the quaternion's norm is too far from one, or zero.
-    """
-    return checked_pose(unchecked_pose_from_message(message))
-
-
-def unchecked_pose_from_message(message: Pose) -> FloatArray:
-    """The seven numbers ``(7,)`` of a message as they are.
-
-    For a reader that makes and reports its own checks, such as
-    :meth:`annik_core.solver.ik_solver.IkSolver.solve`.
+    :meth:`annik_core.IkSolver.solve` checks its target itself; elsewhere use
+    :func:`annik_core.pose.checked_pose`.
     """
     position, orientation = message.position, message.orientation
     return np.array(
@@ -43,8 +33,8 @@ def unchecked_pose_from_message(message: Pose) -> FloatArray:
     )
 
 
-def pose_to_message(pose: ArrayLike) -> Pose:
-    """The message of a pose ``(7,)``; the numbers go out as they are.
+def pose_from_array(pose: ArrayLike) -> Pose:
+    """The message of a pose ``(7,)``, unchecked.
 
     Raises:
         WrongShape: if ``pose`` is not seven numbers.
@@ -52,15 +42,15 @@ def pose_to_message(pose: ArrayLike) -> Pose:
     array = np.asarray(pose, dtype=np.float64)
     if array.shape != (7,):
         raise WrongShape("pose", array.shape, "(7,): x, y, z, qx, qy, qz, qw")
-    # tolist() gives Python floats: rclpy writes anything else into a float64 field as garbage.
+    # rclpy writes anything but Python floats into a float64 field as garbage.
     x, y, z, qx, qy, qz, qw = array.tolist()
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 
-def pose_stamped_to_message(pose: ArrayLike, stamp: Time, frame_id: str) -> PoseStamped:
-    """The stamped message of a pose ``(7,)`` in the frame ``frame_id``.
+def pose_stamped_from_array(pose: ArrayLike, stamp: Time, frame_id: str) -> PoseStamped:
+    """The stamped message of a pose ``(7,)`` in the frame ``frame_id``, unchecked.
 
     Raises:
         WrongShape: if ``pose`` is not seven numbers.
     """
-    return PoseStamped(header=Header(stamp=stamp, frame_id=frame_id), pose=pose_to_message(pose))
+    return PoseStamped(header=Header(stamp=stamp, frame_id=frame_id), pose=pose_from_array(pose))

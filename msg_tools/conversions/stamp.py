@@ -6,59 +6,61 @@ from builtin_interfaces.msg import Time
 
 from annik_core.errors import ConversionError
 
-NANOSECONDS_PER_SECOND = 1_000_000_000
+_NANOSECONDS = 1_000_000_000
 _SECONDS_RANGE = (-(2**31), 2**31 - 1)
 
 
-class StampOutOfRange(ConversionError):
-    """A time is too far from the epoch for a ROS stamp, whose seconds have 32 bits."""
+class InvalidStamp(ConversionError):
+    """A stamp is malformed, or a time does not fit into one.
 
-    def __init__(self, nanoseconds: int) -> None:
-        self.nanoseconds = nanoseconds
-        super().__init__(f"{nanoseconds} ns since the epoch does not fit into a ROS stamp")
+    Attributes:
+        name: the field or the quantity.
+        value: its value.
+    """
 
-
-class MalformedStamp(ConversionError):
-    """A stamp's nanoseconds make a whole second or more: two stamps could mean one time."""
-
-    def __init__(self, nanosec: int) -> None:
-        self.nanosec = nanosec
-        super().__init__(
-            f"header.stamp.nanosec is {nanosec}; it must be less than {NANOSECONDS_PER_SECOND}"
-        )
+    def __init__(self, name: str, value: int, allowed: str) -> None:
+        self.name = name
+        self.value = value
+        super().__init__(f"{name} is {value}; allowed: {allowed}")
 
 
-def stamp_from_message(message: Time) -> int:
-    """Time since the epoch of the clock that made the stamp [ns].
-
-    Whatever this returns, :func:`stamp_to_message` takes back.
+def join_stamp(sec: int, nanosec: int) -> int:
+    """Time since the epoch [ns] of the two fields of a stamp.
 
     Raises:
-        MalformedStamp: if the nanoseconds are a second or more.
+        InvalidStamp: if ``nanosec`` is a second or more.
     """
-    nanosec = int(message.nanosec)
-    if nanosec >= NANOSECONDS_PER_SECOND:
-        raise MalformedStamp(nanosec)
-    return int(message.sec) * NANOSECONDS_PER_SECOND + nanosec
+    if nanosec >= _NANOSECONDS:
+        raise InvalidStamp("header.stamp.nanosec", nanosec, f"less than {_NANOSECONDS}")
+    return sec * _NANOSECONDS + nanosec
 
 
 def split_stamp(nanoseconds: int) -> tuple[int, int]:
-    """Seconds and nanoseconds of a time since the epoch [ns]; exact, so that they can be compared.
+    """The two fields ``sec`` and ``nanosec`` of a time since the epoch [ns].
 
     Raises:
-        StampOutOfRange: if the seconds do not fit into 32 bits.
+        InvalidStamp: if the seconds do not fit into 32 bits.
     """
-    seconds, remainder = divmod(int(nanoseconds), NANOSECONDS_PER_SECOND)
+    seconds, remainder = divmod(int(nanoseconds), _NANOSECONDS)
     if not _SECONDS_RANGE[0] <= seconds <= _SECONDS_RANGE[1]:
-        raise StampOutOfRange(nanoseconds)
+        raise InvalidStamp("time since the epoch [ns]", nanoseconds, "32-bit seconds")
     return seconds, remainder
 
 
-def stamp_to_message(nanoseconds: int) -> Time:
+def stamp_to_nanoseconds(message: Time) -> int:
+    """Time since the epoch of the clock that made the stamp [ns].
+
+    Raises:
+        InvalidStamp: if the nanoseconds are a second or more.
+    """
+    return join_stamp(int(message.sec), int(message.nanosec))
+
+
+def stamp_from_nanoseconds(nanoseconds: int) -> Time:
     """The stamp of a time since the epoch [ns].
 
     Raises:
-        StampOutOfRange: if the seconds do not fit into 32 bits.
+        InvalidStamp: if the seconds do not fit into 32 bits.
     """
-    seconds, remainder = split_stamp(nanoseconds)
-    return Time(sec=seconds, nanosec=remainder)
+    sec, nanosec = split_stamp(nanoseconds)
+    return Time(sec=sec, nanosec=nanosec)

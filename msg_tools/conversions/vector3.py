@@ -1,4 +1,4 @@
-"""Three-vector messages as arrays ``(3,)`` and back. The unit is the caller's."""
+"""Vector3 messages as arrays ``(3,)`` and back, in any unit."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from annik_core.errors import WrongShape
 from annik_core.pose import FloatArray
 
 
-def vector3_from_message(message: Vector3) -> FloatArray:
-    """The vector ``(3,)`` of a message, as it is."""
+def vector3_to_array(message: Vector3) -> FloatArray:
+    """The vector ``(3,)`` of a message, unchecked."""
     return np.array([float(message.x), float(message.y), float(message.z)], dtype=np.float64)
 
 
-def vector3_to_message(vector: ArrayLike) -> Vector3:
-    """The message of a vector ``(3,)``; the numbers go out as they are.
+def vector3_from_array(vector: ArrayLike) -> Vector3:
+    """The message of a vector ``(3,)``, unchecked.
 
     Raises:
         WrongShape: if ``vector`` is not three numbers.
@@ -30,12 +30,12 @@ def vector3_to_message(vector: ArrayLike) -> Vector3:
     return Vector3(x=x, y=y, z=z)
 
 
-def vector3_stamped_to_message(vector: ArrayLike, stamp: Time, frame_id: str) -> Vector3Stamped:
+def vector3_stamped_from_array(vector: ArrayLike, stamp: Time, frame_id: str) -> Vector3Stamped:
     """The stamped message of a vector ``(3,)`` with components along the axes of ``frame_id``.
 
     Raises:
         WrongShape: if ``vector`` is not three numbers.
     """
     return Vector3Stamped(
-        header=Header(stamp=stamp, frame_id=frame_id), vector=vector3_to_message(vector)
+        header=Header(stamp=stamp, frame_id=frame_id), vector=vector3_from_array(vector)
     )

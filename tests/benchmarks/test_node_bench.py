@@ -32,7 +32,7 @@ from benchmarks.node.settings import QUICK, NodeBenchSettings
 from benchmarks.node.streams import ages_of
 from benchmarks.node.target_stream import Stream, _published
 from benchmarks.node.targets import pose_to_bytes, random_poses
-from msg_tools.conversions.pose import pose_from_message
+from msg_tools.conversions.pose import pose_to_array
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -157,7 +157,7 @@ def test_targets_are_the_bytes_of_messages_and_told_apart_by_x() -> None:
     assert poses.shape == (500, 7)
     assert len(set(poses[:, 0].tolist())) == 500
     message = deserialize_message(pose_to_bytes(poses[3]), Pose)
-    np.testing.assert_array_equal(pose_from_message(message), poses[3])
+    np.testing.assert_array_equal(pose_to_array(message), poses[3])
 
 
 class SlowPublisher:

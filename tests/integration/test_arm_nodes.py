@@ -18,9 +18,9 @@ from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.stamp import stamp_to_message
-from msg_tools.conversions.vector3 import vector3_from_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
+from msg_tools.conversions.vector3 import vector3_to_array
 
 ERRORS = ("tracking_error/position", "tracking_error/orientation")
 
@@ -91,7 +91,7 @@ def test_an_arm_follows_its_targets_exactly_and_inside_the_working_box(
         for topic in topics:
             by_stamp = dict(zip(client.stamps(topic), client.received[topic], strict=True))
             assert by_stamp[stamp].header.frame_id == BASE
-            assert np.linalg.norm(vector3_from_message(by_stamp[stamp].vector)) < 1e-5
+            assert np.linalg.norm(vector3_to_array(by_stamp[stamp].vector)) < 1e-5
     # A namespace is of topics; joints and frames keep their names.
     for message in client.received["by_description/joint_states"]:
         assert tuple(message.name) == robot.joint_names
@@ -183,7 +183,7 @@ def test_a_fake_robot_stands_in_for_a_packaged_arm(
         for stamp, positions in ((1, middle + 9.0), (2, middle)):
             client.accepted_target.publish(client.pose_stamped(pose, stamp, ur5e.base_frame))
             client.command.publish(
-                joint_state_to_message(ur5e.joint_names, positions, stamp_to_message(stamp))
+                joint_state_from_array(positions, ur5e.joint_names, stamp_from_nanoseconds(stamp))
             )
         client.take_messages(0.2)
         return bool(client.received[ERRORS[1]])
@@ -192,7 +192,7 @@ def test_a_fake_robot_stands_in_for_a_packaged_arm(
     assert set(client.stamps("joint_states")) == set(client.stamps(ERRORS[0])) == {2}
     for topic in ERRORS:
         for message in client.received[topic]:
-            assert np.linalg.norm(vector3_from_message(message.vector)) < 1e-12
+            assert np.linalg.norm(vector3_to_array(message.vector)) < 1e-12
     client.wait_for_status(
         "fake_robot", lambda values: int(values.get("refused: joint limit", 0)) > 0, "a refusal"
     )

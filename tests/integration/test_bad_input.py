@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 from annik_core.robots.library import load_robot
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
 
 GOOD = pose_from_roll_pitch_yaw([0.3001, 0.4, 0.6], [0.5, 0.4, 0.3])
 UNREACHABLE = pose_from_roll_pitch_yaw([2.0, 0.4, 0.6], [0.5, 0.4, 0.3])
@@ -238,7 +238,7 @@ def _robot_listens(client: Any) -> bool:
 
 
 def _command(names: tuple[str, ...], positions: list[float], stamp: int) -> JointState:
-    return joint_state_to_message(names, positions, stamp_to_message(stamp))
+    return joint_state_from_array(positions, names, stamp_from_nanoseconds(stamp))
 
 
 def test_the_fake_robot_refuses_bad_commands_and_stays_where_it_was(

@@ -21,9 +21,9 @@ from annik_core.robots.library import load_robot
 from annik_core.simulation.fake_robot import FakeRobot
 from annik_core.simulation.imperfections import ImperfectionMagnitudes, drawn_imperfections
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.pose import pose_stamped_to_message
-from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.pose import pose_stamped_from_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
 from msg_tools.topics import TOPICS
 
 EXAMPLES = 7
@@ -308,10 +308,10 @@ def test_poses_of_no_use_are_refused_and_counted_and_all_is_reported_as_document
     stamps = iter(range(1, 10**9))
 
     def publish(frame: str, pose: np.ndarray, stamp: int | None = None) -> None:
-        now = stamp_to_message(next(stamps) if stamp is None else stamp)
+        now = stamp_from_nanoseconds(next(stamps) if stamp is None else stamp)
         centre = robot.joint_box.centre
-        states.publish(joint_state_to_message(robot.joint_names, centre, now))
-        poses.publish(pose_stamped_to_message(pose, now, frame))
+        states.publish(joint_state_from_array(centre, robot.joint_names, now))
+        poses.publish(pose_stamped_from_array(pose, now, frame))
 
     def refused(reason: str) -> Callable[[dict[str, str]], bool]:
         return lambda values: f"refused: {reason}" in values

@@ -17,10 +17,10 @@ from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import load_robot
 from annik_core.simulation.imperfections import JOINT_ENTRIES, drawn_imperfections
 from msg_tools.bags.reader import read_bag
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.pose import pose_from_message
-from msg_tools.conversions.stamp import stamp_to_message
-from msg_tools.conversions.vector3 import vector3_from_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.pose import pose_to_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
+from msg_tools.conversions.vector3 import vector3_to_array
 from msg_tools.report.tracking import tracking_report
 
 UR5E = load_robot("ur5e")
@@ -42,7 +42,7 @@ def _targets(count: int) -> FloatArray:
 
 
 def _poses(client: Any, topic: str) -> FloatArray:
-    return np.array([pose_from_message(message.pose) for message in client.received[topic]])
+    return np.array([pose_to_array(message.pose) for message in client.received[topic]])
 
 
 def _achieved(client: Any, joint_positions: FloatArray) -> FloatArray:
@@ -50,7 +50,9 @@ def _achieved(client: Any, joint_positions: FloatArray) -> FloatArray:
     client.received["achieved_pose"].clear()
 
     def answered() -> bool:
-        command = joint_state_to_message(UR5E.joint_names, joint_positions, stamp_to_message(1))
+        command = joint_state_from_array(
+            joint_positions, UR5E.joint_names, stamp_from_nanoseconds(1)
+        )
         client.command.publish(command)
         client.take_messages(0.2)
         return bool(client.received["achieved_pose"])
@@ -152,8 +154,8 @@ def test_the_tracking_error_is_what_the_description_misses_by(
             topic: dict(zip(client.stamps(topic), client.received[topic], strict=True))
             for topic in ("achieved_pose", ERRORS[0])
         }
-        achieved = pose_from_message(by_stamp["achieved_pose"][stamp].pose)
-        error = vector3_from_message(by_stamp[ERRORS[0]][stamp].vector)
+        achieved = pose_to_array(by_stamp["achieved_pose"][stamp].pose)
+        error = vector3_to_array(by_stamp[ERRORS[0]][stamp].vector)
         np.testing.assert_array_equal(error, target[:3] - achieved[:3])
         assert np.linalg.norm(error) > 0.5e-3
     content = read_bag(bag)

@@ -13,8 +13,8 @@ from sensor_msgs.msg import JointState
 
 from annik_core.pose import FloatArray
 from annik_ros.ik_node.publishers import MessageTemplate
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.pose import pose_stamped_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.pose import pose_stamped_from_array
 
 STAMP = 1_234_567_890_123_456_789
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
@@ -22,11 +22,11 @@ JAZZY = get_typestore(Stores.ROS2_JAZZY)
 
 def _joint_state(count: int) -> Callable[..., Any]:
     names = tuple("a_joint_name"[: 4 + index] for index in range(count))
-    return lambda stamp, numbers: joint_state_to_message(names, numbers, stamp)
+    return lambda stamp, numbers: joint_state_from_array(numbers, names, stamp)
 
 
 def _stamped_pose(stamp: Any, numbers: Any) -> Any:
-    return pose_stamped_to_message(np.array(numbers), stamp, "base_link")
+    return pose_stamped_from_array(np.array(numbers), stamp, "base_link")
 
 
 @pytest.mark.parametrize("count", range(1, 8))

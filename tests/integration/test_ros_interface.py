@@ -9,7 +9,7 @@ from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import IkStatus
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES
 from annik_ros.ik_node.services import SERVICES
-from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
 from msg_tools.topics import TOPICS
 
 TARGET = pose_from_roll_pitch_yaw([0.3001, 0.4, 0.6], [0.5, 0.4, 0.3])
@@ -29,7 +29,7 @@ def test_both_nodes_report_what_is_documented(launch: Callable[..., Any], client
     client.send(UNREACHABLE)
     unusable = client.received["joint_command"][-1]
     unusable.position[0] = float("nan")
-    unusable.header.stamp = stamp_to_message(1)
+    unusable.header.stamp = stamp_from_nanoseconds(1)
     client.command.publish(unusable)
     for node, refused in (("ik_node", "targets refused"), ("fake_robot", "commands refused")):
         _, values = client.wait_for_status(

@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.target_paths import diagonal_path
-from msg_tools.conversions.pose import pose_from_message
-from msg_tools.conversions.vector3 import vector3_from_message
+from msg_tools.conversions.pose import pose_to_array
+from msg_tools.conversions.vector3 import vector3_to_array
 
 RESULTS = (
     "joint_command",
@@ -72,11 +72,11 @@ def test_the_tracking_error_is_target_minus_achieved_and_small(
         turn = by_stamp["tracking_error/orientation"][stamp]
         for message in (accepted, achieved, error, turn):
             assert message.header.frame_id == "base_link"
-        np.testing.assert_array_equal(pose_from_message(accepted.pose), target)
-        missing = target[:3] - pose_from_message(achieved.pose)[:3]
-        np.testing.assert_array_equal(vector3_from_message(error.vector), missing)
+        np.testing.assert_array_equal(pose_to_array(accepted.pose), target)
+        missing = target[:3] - pose_to_array(achieved.pose)[:3]
+        np.testing.assert_array_equal(vector3_to_array(error.vector), missing)
         assert np.linalg.norm(missing) < 0.25e-3
-        assert np.linalg.norm(vector3_from_message(turn.vector)) < np.radians(0.1)
+        assert np.linalg.norm(vector3_to_array(turn.vector)) < np.radians(0.1)
         command, state = by_stamp["joint_command"][stamp], by_stamp["joint_states"][stamp]
         assert command.name == state.name
         assert list(command.position) == list(state.position)
@@ -101,10 +101,10 @@ def test_the_orientation_error_is_the_rotation_from_achieved_to_target(
     for target in targets:
         (stamp,) = client.stamps_of(target)
         wanted, achieved = (
-            Rotation.from_quat(pose_from_message(by_stamp[topic][stamp].pose)[3:])
+            Rotation.from_quat(pose_to_array(by_stamp[topic][stamp].pose)[3:])
             for topic in ("accepted_target", "achieved_pose")
         )
-        turn = vector3_from_message(by_stamp["tracking_error/orientation"][stamp].vector)
+        turn = vector3_to_array(by_stamp["tracking_error/orientation"][stamp].vector)
         assert np.linalg.norm(turn) > 0
         np.testing.assert_allclose(turn, (wanted * achieved.inv()).as_rotvec(), rtol=0, atol=1e-12)
         turned = Rotation.from_rotvec(turn) * achieved

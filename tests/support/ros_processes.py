@@ -47,8 +47,8 @@ from std_srvs.srv import Trigger
 from annik_core.model.artifact import default_model_path, load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import robot_from_definition
-from msg_tools.conversions.pose import pose_stamped_to_message, pose_to_message
-from msg_tools.conversions.stamp import stamp_from_message, stamp_to_message
+from msg_tools.conversions.pose import pose_from_array, pose_stamped_from_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds, stamp_to_nanoseconds
 
 ROOT = Path(__file__).resolve().parents[2]
 #: How long anything may take before a test fails [s]; a loaded machine is slow to start Python.
@@ -201,7 +201,7 @@ class Client:
     def send(self, pose: FloatArray) -> None:
         """Send a target; the message carries the seven numbers as they are."""
         self.wait_until(self.target.get_subscription_count, "a subscriber of the targets")
-        self.target.publish(pose_to_message(pose))
+        self.target.publish(pose_from_array(pose))
 
     def send_stamped(self, pose: FloatArray, frame_id: str) -> None:
         """Send a stamped target in a frame."""
@@ -212,16 +212,16 @@ class Client:
     @staticmethod
     def pose_stamped(pose: FloatArray, stamp: int, frame_id: str) -> PoseStamped:
         """The message of a pose at a time [ns]."""
-        return pose_stamped_to_message(pose, stamp_to_message(stamp), frame_id)
+        return pose_stamped_from_array(pose, stamp_from_nanoseconds(stamp), frame_id)
 
     def stamps(self, topic: str) -> list[int]:
         """Stamps of what was received on a topic, in the order of arrival [ns]."""
-        return [stamp_from_message(message.header.stamp) for message in self.received[topic]]
+        return [stamp_to_nanoseconds(message.header.stamp) for message in self.received[topic]]
 
     def stamps_of(self, pose: FloatArray) -> list[int]:
         """Stamps under which a target was accepted [ns]; targets are told apart by their x."""
         return [
-            stamp_from_message(message.header.stamp)
+            stamp_to_nanoseconds(message.header.stamp)
             for message in self.received["accepted_target"]
             if message.pose.position.x == float(pose[0])
         ]

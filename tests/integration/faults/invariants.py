@@ -13,9 +13,9 @@ from support.ros_processes import TIMEOUT, Client
 from trajectory_msgs.msg import JointTrajectory
 
 from annik_core.model.artifact import default_model_path, load_model
-from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
+from annik_core.pose import FloatArray, checked_pose, pose_from_roll_pitch_yaw
 from annik_core.robots.robot import Robot
-from msg_tools.conversions.pose import pose_from_message, pose_to_message
+from msg_tools.conversions.pose import pose_from_array, pose_to_array
 
 GOOD = pose_from_roll_pitch_yaw([0.3001, 0.4, 0.6], [0.5, 0.4, 0.3])
 UNREACHABLE = pose_from_roll_pitch_yaw([2.0, 0.4, 0.6], [0.5, 0.4, 0.3])
@@ -134,7 +134,7 @@ def assert_all_numbers_finite(client: Client) -> None:
     for message in client.received["joint_command"]:
         assert np.isfinite(message.position).all()
     for message in client.received["accepted_target"]:
-        assert np.isfinite(pose_from_message(message.pose)).all()
+        assert np.isfinite(checked_pose(pose_to_array(message.pose))).all()
     for message in client.received.get("position_commands", ()):
         assert np.isfinite(message.data).all()
     for message in client.received.get("joint_trajectory", ()):
@@ -173,7 +173,7 @@ def assert_every_command_belongs_to_a_target(
     for stamp, message in zip(
         client.stamps("accepted_target"), client.received["accepted_target"], strict=True
     ):
-        target = pose_from_message(message.pose)
+        target = checked_pose(pose_to_array(message.pose))
         assert tuple(target[:3]) in sent, f"{target} was never sent as a good target"
         command = commands[stamp]
         assert tuple(command.name) == robot.joint_names
@@ -183,6 +183,6 @@ def assert_every_command_belongs_to_a_target(
 
 def path_message(poses: Iterable[FloatArray], frame_id: str = "") -> PoseArray:
     """The message of a path."""
-    message = PoseArray(poses=[pose_to_message(pose) for pose in poses])
+    message = PoseArray(poses=[pose_from_array(pose) for pose in poses])
     message.header.frame_id = frame_id
     return message

@@ -12,7 +12,7 @@ from invariants import UNREACHABLE
 from rclpy.serialization import serialize_message
 
 from annik_core.pose import FloatArray
-from msg_tools.conversions.pose import pose_to_message
+from msg_tools.conversions.pose import pose_from_array
 
 _WILD_NUMBERS = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, -0.0, 0.0, 1.0, 2.0, 1e9)
 _LENGTHS = (0, 1, 2, 255, 1024, 1025, 2**31 - 1, 2**31, 2**32 - 1)
@@ -22,7 +22,7 @@ _HEADER_SIZE = 4
 
 def message_of(message_type: type, poses: list[FloatArray], frame_id: str = "") -> Pose:
     """A good message of one of the three types of targets."""
-    messages = [pose_to_message(pose) for pose in poses]
+    messages = [pose_from_array(pose) for pose in poses]
     if message_type is Pose:
         return messages[0]
     if message_type is PoseStamped:

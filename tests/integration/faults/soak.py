@@ -45,10 +45,10 @@ from rosgraph_msgs.msg import Clock  # isort: skip
 from sensor_msgs.msg import JointState  # isort: skip
 
 from annik_core.model.artifact import default_model_path
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, checked_pose
 from annik_core.target_paths import diagonal_path
 from msg_tools.bags.reader import read_bag
-from msg_tools.conversions.pose import pose_from_message, pose_to_message
+from msg_tools.conversions.pose import pose_from_array, pose_to_array
 
 #: A node that has grown by more than this keeps what it should drop [bytes].
 LARGEST_GROWTH = 60e6
@@ -164,7 +164,8 @@ class Soak:
         # Before they are looked at: while it waits, more may arrive.
         wait_for_pairs(self._client)
         accepted = [
-            pose_from_message(message.pose) for message in self._client.received["accepted_target"]
+            checked_pose(pose_to_array(message.pose))
+            for message in self._client.received["accepted_target"]
         ]
         fuzzed = b"".join(self._fuzzed)
         for pose in accepted:
@@ -260,7 +261,7 @@ class Soak:
         bad = UNREACHABLE.copy()
         if self._random.random() < 0.5:
             bad[self._random.randrange(7)] = self._random.choice([math.nan, math.inf, 1e300])
-        self._publishers[Pose].publish(pose_to_message(bad))
+        self._publishers[Pose].publish(pose_from_array(bad))
         self.sent += 1
         self._received += 1
 
@@ -302,7 +303,7 @@ class Soak:
             # The reader may know of it a moment later; what comes before that is lost.
             other.take_messages(0.5)
             for _ in range(50):
-                other.target.publish(pose_to_message(self._new_target()))
+                other.target.publish(pose_from_array(self._new_target()))
                 self._received += 1
                 self._send_good()
             last = self._newest()
@@ -322,7 +323,7 @@ class Soak:
             Pose, "target_pose", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         )
         for _ in range(20):
-            publisher.publish(pose_to_message(GOOD))
+            publisher.publish(pose_from_array(GOOD))
             self._send_good()
             self._client.take_messages(0.01)
         self._client.node.destroy_publisher(publisher)
@@ -369,7 +370,7 @@ class Soak:
         for values, accepted in ((box, False), (open_box, True), ({"max_newton_steps": 5}, True)):
             assert self._client.set_parameters_atomically("ik_node", values).successful
             target = self._new_target()
-            self._publishers[Pose].publish(pose_to_message(target))
+            self._publishers[Pose].publish(pose_from_array(target))
             self._received += 1
             self._send_bad()
             if accepted:

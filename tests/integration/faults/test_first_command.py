@@ -13,8 +13,8 @@ from sensor_msgs.msg import JointState
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray
 from annik_core.solver.ik_solver import IkSolver
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
 
 SOLVER = IkSolver.from_file(default_model_path())
 
@@ -33,10 +33,12 @@ class _Robot:
 
     def is_at(self, positions: FloatArray, grippers: int = 0) -> None:
         names = SOLVER.robot.joint_names
-        self._publisher.publish(joint_state_to_message(names, positions, stamp_to_message(0)))
+        self._publisher.publish(
+            joint_state_from_array(positions, names, stamp_from_nanoseconds(0))
+        )
         for _ in range(grippers):
             self._publisher.publish(
-                joint_state_to_message(("finger",), [0.1], stamp_to_message(0))
+                joint_state_from_array([0.1], ("finger",), stamp_from_nanoseconds(0))
             )
         # Two topics are independent of each other: only time makes an order.
         self._client.take_messages(0.1)

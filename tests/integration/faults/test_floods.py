@@ -17,7 +17,7 @@ from invariants import (
 )
 from support.ros_processes import Client
 
-from msg_tools.conversions.pose import pose_to_message
+from msg_tools.conversions.pose import pose_from_array
 
 #: A node that keeps what it should drop grows by more than this in a flood [bytes].
 LARGEST_GROWTH = 30e6
@@ -37,10 +37,10 @@ def test_a_flood_of_good_and_bad_targets_is_survived_and_the_newest_answered(
     node = launch("ik_node", "-p", f"executor:={executor}")
     received = connect(client)
     before = resident_memory(node.process.pid)
-    bad = pose_to_message(UNREACHABLE)
+    bad = pose_from_array(UNREACHABLE)
     # No more than the client keeps, which takes none while it sends: a quick node answers most.
     good = [good_target(number) for number in range(1, 901)]
-    messages = [pose_to_message(target) for target in good]
+    messages = [pose_from_array(target) for target in good]
     for message in messages:
         client.target.publish(bad)
         client.target.publish(message)
@@ -75,8 +75,8 @@ def test_a_burst_after_a_silence_is_answered_whole(
     first = [good_target(number) for number in range(1000, 1400)]
     second = [good_target(number) for number in range(2000, 2400)]
     for mine, others in zip(first, second, strict=True):
-        one.target.publish(pose_to_message(mine))
-        other.target.publish(pose_to_message(others))
+        one.target.publish(pose_from_array(mine))
+        other.target.publish(pose_from_array(others))
     for targets in (first, second):
         one.wait_until(
             lambda targets=targets: one.stamps_of(targets[-1]), "the last of the burst", 30.0

@@ -28,12 +28,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from annik_core.model.artifact import default_model_path
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, checked_pose
 from annik_core.serving.ik_server import IkServer
 from annik_core.solver.ik_solver import IkSolver
-from msg_tools.conversions.joint_state import joint_state_to_message
-from msg_tools.conversions.pose import pose_from_message
-from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.pose import pose_to_array
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
 
 FUZZED = 10_000
 WILD = 3000
@@ -88,7 +88,7 @@ def test_fuzzed_targets_are_counted_one_by_one_and_good_ones_between_them_answer
     client.wait_until(lambda: results() == counts.accepted - contacts, "all results")
     assert_all_numbers_finite(client)
     if message_type is not PoseArray:
-        poses = [pose_from_message(m.pose) for m in client.received["accepted_target"]]
+        poses = [checked_pose(pose_to_array(m.pose)) for m in client.received["accepted_target"]]
         bytes_sent = b"".join(sent)
         for x, y, z, *_ in poses:
             position = struct.pack("<3d", x, y, z), struct.pack(">3d", x, y, z)
@@ -157,7 +157,7 @@ def _fuzzed_joint_states(count: int) -> list[bytes]:
             positions[int(random.integers(robot.dof))] = math.nan
         data = bytearray(
             serialize_message(
-                joint_state_to_message(robot.joint_names, positions, stamp_to_message(index))
+                joint_state_from_array(positions, robot.joint_names, stamp_from_nanoseconds(index))
             )
         )
         if index % 4 == 1:
@@ -201,7 +201,7 @@ def test_fuzzed_joint_states_and_commands_move_nothing(
         assert process.process.poll() is None
         assert "Traceback" not in process.log
     # The mark of what the fake robot followed is a state under the command's stamp.
-    commands.publish(joint_state_to_message(names, middle, stamp_to_message(123_456)))
+    commands.publish(joint_state_from_array(middle, names, stamp_from_nanoseconds(123_456)))
     client.wait_until(lambda: client.stamps("robot_states")[-1:] == [123_456], "a state")
     for message in client.received["robot_states"]:
         assert tuple(message.name) == names
@@ -214,4 +214,4 @@ def test_a_pose_message_means_the_same_however_it_is_read() -> None:
     """The seven numbers of the raw bytes are those of the message that the middleware makes."""
     pose = good_target(1)
     message = deserialize_message(serialize_message(message_of(Pose, [pose])), Pose)
-    np.testing.assert_array_equal(pose_from_message(message), pose)
+    np.testing.assert_array_equal(pose_to_array(message), pose)

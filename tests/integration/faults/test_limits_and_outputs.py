@@ -24,7 +24,7 @@ from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray
 from annik_core.solver.ik_solver import IkSolver
 from annik_core.target_paths import diagonal_path
-from msg_tools.conversions.stamp import stamp_to_message
+from msg_tools.conversions.stamp import stamp_from_nanoseconds
 
 SOLVER = IkSolver.from_file(default_model_path())
 
@@ -139,7 +139,7 @@ def test_a_hold_repeats_the_last_accepted_command_under_a_new_stamp(
         assert list(point.positions) == list(command.position)
         assert list(trajectory.joint_names) == list(SOLVER.robot.joint_names)
         assert (point.time_from_start.sec, point.time_from_start.nanosec) == (0, 250_000_000)
-        assert trajectory.header.stamp == stamp_to_message(0)
+        assert trajectory.header.stamp == stamp_from_nanoseconds(0)
     # After a deactivation there is no last command again.
     assert client.change_state("ik_node", "deactivate")
     assert client.change_state("ik_node", "activate")

@@ -14,7 +14,7 @@ from invariants import (
 )
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from msg_tools.conversions.pose import pose_to_message
+from msg_tools.conversions.pose import pose_from_array
 
 
 def test_the_wrong_quality_of_service_is_named_and_the_right_one_served(
@@ -36,9 +36,9 @@ def test_the_wrong_quality_of_service_is_named_and_the_right_one_served(
     )
     client.wait_until(kept.get_subscription_count, "the node knows the publisher")
     for number in range(1, 11):
-        best_effort.publish(pose_to_message(good_target(100 + number)))
+        best_effort.publish(pose_from_array(good_target(100 + number)))
         other_type.publish(Twist())
-        kept.publish(pose_to_message(good_target(number)))
+        kept.publish(pose_from_array(good_target(number)))
     client.wait_until(lambda: client.stamps_of(good_target(10)), "an answer")
     assert wait_for_counts(client, contacts + 10).accepted == contacts + 10
     assert_every_command_belongs_to_a_target(client, [good_target(n) for n in range(11)])
