@@ -20,9 +20,9 @@ from annik_ros.processes import ChildProcess, end_all, wait_until
 from msg_tools.bags.reader import read_bag
 from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
 
-#: How long a node may take to be ready, and to end [s].
-START_TIMEOUT = 30.0
-END_TIMEOUT = 10.0
+#: How long a node may take to be ready, and to end [s]; a loaded machine is slow to start Python.
+START_TIMEOUT = 120.0
+END_TIMEOUT = 60.0
 
 #: Its presence says that the folder may be emptied.
 _MARKER = ".annik_demo"

@@ -94,6 +94,7 @@ def run_learn(folder: Path, examples: int, console: Console) -> str:
             command_rate=_MEASUREMENT_RATE,
             settle_time=0.05,
             max_measured_step=2.0,
+            measurement_timeout=10.0,
         ).wait(_COLLECT_TIMEOUT)
         fake_robot.interrupt(END_TIMEOUT)
     console.print(f"measured {examples} poses of a {ROBOT} that is not as described")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import support  # noqa: F401 - sets up the environment that rclpy reads when it is imported
 from hypothesis import HealthCheck, settings
 
 from annik_core.robots.library import load_robot

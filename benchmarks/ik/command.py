@@ -47,6 +47,14 @@ class NoModelForBench(AnnikError):
         )
 
 
+class BenchNotWritable(AnnikError):
+    """A file of the benchmark can't be written."""
+
+    def __init__(self, folder: Path, reason: str) -> None:
+        self.folder = folder
+        super().__init__(f"the benchmark can't be written to {folder} ({reason})")
+
+
 def bench_ik_command(
     robot_name: str, model: Path | None, settings: BenchSettings, out: Path, docs: Path | None
 ) -> None:
@@ -65,8 +73,11 @@ def bench_ik_command(
     """
     folders = [out, *([docs / _DOCS_FOLDER] if docs is not None else [])]
     for folder in folders:
-        # Before the minutes of measuring, not after them.
-        ensure_writable_folder(folder)
+        # Found out before the minutes of measuring, not after them.
+        try:
+            ensure_writable_folder(folder)
+        except OSError as error:
+            raise BenchNotWritable(folder, error.strerror or str(error)) from error
     robot = load_robot(robot_name)
     robot_problem(robot)
     artifact = load_model(model or _packaged_model(robot.name), robot)
@@ -112,4 +123,7 @@ class _Shown:
 
 def _write(results: BenchResults, folder: Path) -> None:
     data = json.dumps(results.as_plain_data(), indent=2, allow_nan=False) + "\n"
-    write_files_atomically(folder, {PAGE: bench_page(results).encode(), DATA: data.encode()})
+    try:
+        write_files_atomically(folder, {PAGE: bench_page(results).encode(), DATA: data.encode()})
+    except OSError as error:
+        raise BenchNotWritable(folder, error.strerror or str(error)) from error

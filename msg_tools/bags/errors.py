@@ -25,3 +25,7 @@ class BagNotFound(BagError):
 
 class BagNotReadable(BagError):
     """The bag is damaged beyond use, or not a bag."""
+
+
+class BagNotWritable(BagError):
+    """The bag can't be created or extended."""

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from support.processes import PATIENCE
 
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
@@ -543,4 +544,4 @@ def test_it_runs_without_torch() -> None:
         "import sys, benchmarks.ik.command\n"
         "sys.exit(bool({'torch', 'onnxscript'} & set(sys.modules)))"
     )
-    subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=PATIENCE)

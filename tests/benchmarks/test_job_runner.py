@@ -10,7 +10,7 @@ from pathlib import Path
 
 import joblib
 import pytest
-from support.process_groups import is_group_gone, wait_until
+from support.processes import PATIENCE, is_group_gone, wait_until
 
 from benchmarks.jobs.job_runner import WorkerEnded, run_jobs
 
@@ -66,10 +66,10 @@ def test_workers_end_with_a_program_that_is_killed(tmp_path: Path):
         [sys.executable, program], start_new_session=True, stderr=subprocess.DEVNULL
     )
     try:
-        wait_until(lambda: len(list(tmp_path.glob("worker_*"))) >= 2)
+        wait_until(lambda: len(list(tmp_path.glob("worker_*"))) >= 2, "both workers")
         process.kill()
-        process.wait(timeout=30)
-        wait_until(lambda: is_group_gone(process.pid))
+        process.wait(PATIENCE)
+        wait_until(lambda: is_group_gone(process.pid), "the end of the workers")
     finally:
         if not is_group_gone(process.pid):
             os.killpg(process.pid, signal.SIGKILL)

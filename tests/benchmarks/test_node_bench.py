@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Pose
 from rclpy.serialization import deserialize_message
+from support.processes import LONG_PATIENCE, PATIENCE
 
 from annik_core.robots.library import load_robot
 from benchmarks.node.page import command, node_bench_page
@@ -63,7 +64,7 @@ def test_a_quick_run_measures_everything(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=180,
+        timeout=LONG_PATIENCE,
     )
     assert result.returncode == 0, result.stderr
     page = (tmp_path / "node_bench.md").read_text(encoding="utf-8")
@@ -94,7 +95,7 @@ def test_a_wrong_option_is_refused() -> None:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert result.returncode == 2
     assert "0 is not at least 1" in result.stderr

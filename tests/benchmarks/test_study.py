@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from support.process_groups import is_group_gone, wait_until
+from support.processes import PATIENCE, is_group_gone, wait_until
 
 from annik_core.errors import DamagedRecord, InUse, NotWritable
 from annik_core.installation import share_directory
@@ -272,7 +272,8 @@ def start(folder: Path, workers: int) -> subprocess.Popen[str]:
         lambda: (
             (folder / "results.jsonl").read_bytes().count(b"\n") >= finished_lines + 4 * workers
             or process.poll() is not None
-        )
+        ),
+        "some finished jobs of each worker",
     )
     assert process.poll() is None, (folder / "stderr").read_text()
     return process
@@ -289,16 +290,16 @@ def stopped_twice(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
         process = start(folder, workers=2)
         groups.append(process.pid)
         os.killpg(process.pid, signal.SIGINT)
-        seen["interrupted_code"] = process.wait(timeout=30)
+        seen["interrupted_code"] = process.wait(PATIENCE)
         seen["interrupted_says"] = (folder / "stderr").read_text()
         seen["interrupted_lines"] = len(lines(folder))
-        wait_until(lambda: is_group_gone(groups[0]))
+        wait_until(lambda: is_group_gone(groups[0]), "the end of the workers")
 
         # In one process, to save loading everything in three.
         process = start(folder, workers=1)
         groups.append(process.pid)
         process.kill()
-        process.wait(timeout=30)
+        process.wait(PATIENCE)
         seen["killed_lines"] = (folder / "results.jsonl").read_bytes().count(b"\n")
 
         last = study(folder, *LONG_OPTIONS, "--workers", 2)

@@ -179,16 +179,18 @@ def test_a_fake_robot_stands_in_for_a_packaged_arm(
     pose = _pose(ur5e, middle)
     launch("fake_robot", "-p", "robot:=ur5e", ready=False)
 
-    def measured() -> bool:
+    def publish_two_pairs() -> None:
         for stamp, positions in ((1, middle + 9.0), (2, middle)):
             client.accepted_target.publish(client.pose_stamped(pose, stamp, ur5e.base_frame))
             client.command.publish(
                 joint_state_from_array(positions, ur5e.joint_names, stamp_from_nanoseconds(stamp))
             )
-        client.take_messages(0.2)
-        return bool(client.received[ERRORS[1]])
 
-    client.wait_until(measured, "the error of a good pair")
+    client.repeat_until(
+        publish_two_pairs,
+        lambda: all(client.received[topic] for topic in ("joint_states", *ERRORS)),
+        "the errors of a good pair",
+    )
     assert set(client.stamps("joint_states")) == set(client.stamps(ERRORS[0])) == {2}
     for topic in ERRORS:
         for message in client.received[topic]:
@@ -213,5 +215,5 @@ def test_both_nodes_know_packaged_models_by_their_names(launch: Callable[..., An
     nodes = [
         launch(module, "-p", "model:=gantry", ready=False) for module in ("ik_node", "fake_robot")
     ]
-    nodes[0].wait_for_line("models/gantry.onnx for robot gantry")
-    nodes[1].wait_for_line("fake robot gantry")
+    nodes[0].wait_for_text("models/gantry.onnx for robot gantry")
+    nodes[1].wait_for_text("fake robot gantry")

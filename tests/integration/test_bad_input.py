@@ -107,7 +107,7 @@ def test_a_refusal_is_logged_and_reported_with_its_reason(
     """One warning that names what is wrong, and a diagnostic level that shows it."""
     node = launch("ik_node")
     client.send_stamped(pose, frame_id)
-    node.wait_for_line(explanation)
+    node.wait_for_text(explanation)
     warning = next(line for line in node.log.splitlines() if explanation in line)
     assert "WARN" in warning
     assert f"target refused, {reason}" in warning
@@ -148,7 +148,7 @@ def test_a_step_beyond_the_limit_is_refused_until_the_limit_is_changed(
     client.connect(GOOD)
     far = GOOD + np.array([0.05, 0, 0, 0, 0, 0, 0])
     client.send(far)
-    node.wait_for_line("x_drive_joint would step by")
+    node.wait_for_text("x_drive_joint would step by")
     client.send(_good(0))
     client.wait_for_results(_good(0), ["joint_command"])
     assert not client.stamps_of(far)
@@ -262,13 +262,11 @@ def test_the_fake_robot_refuses_bad_commands_and_stays_where_it_was(
         client.command.publish(message)
     good = _command((*reversed(names), "gripper"), [*reversed(middle), math.nan], 77)
 
-    def moved() -> bool:
-        if 77 not in client.stamps("joint_states"):
-            client.command.publish(good)
-            client.take_messages(0.2)
-        return 77 in client.stamps("joint_states")
-
-    client.wait_until(moved, "an answer to the good command")
+    client.repeat_until(
+        lambda: client.command.publish(good),
+        lambda: client.received["joint_states"],
+        "an answer to the good command",
+    )
     assert set(client.stamps("joint_states")) == {77}
     assert list(client.received["joint_states"][0].name) == list(names)
     assert list(client.received["joint_states"][0].position) == middle
@@ -281,8 +279,10 @@ def test_the_fake_robot_refuses_bad_commands_and_stays_where_it_was(
     assert "command refused: joint state: 6 names but 5 positions" in node.log
     # Refused one at a time, each is named in the log; together, the first speaks for all.
     for message, _, text in bad[2:]:
-        client.wait_until(
-            lambda message=message, text=text: _said(node, text, client, message), text
+        client.repeat_until(
+            lambda message=message: client.command.publish(message),
+            lambda text=text: text in node.log,
+            text,
         )
 
 
@@ -304,29 +304,25 @@ def test_a_stamp_that_is_none_is_refused_and_the_fake_robot_goes_on(
     stamp = messages[topic].header.stamp
     stamp.sec, stamp.nanosec = seconds, nanosec
     getattr(client, topic).publish(messages[topic])
-    node.wait_for_line(f"header.stamp.nanosec is {nanosec}")
+    node.wait_for_text(f"header.stamp.nanosec is {nanosec}")
     counted = {
         "command": "refused: malformed stamp",
         "accepted_target": "accepted targets ignored",
     }[topic]
     client.wait_for_status("fake_robot", lambda values: values.get(counted) == "1", counted)
 
-    def measured() -> bool:
+    def publish_a_good_pair() -> None:
         client.accepted_target.publish(client.pose_stamped(pose, 2, "base_link"))
         client.command.publish(_command(robot.joint_names, middle.tolist(), 2))
-        client.take_messages(0.3)
-        return 2 in client.stamps("tracking_error/position")
 
-    client.wait_until(measured, "the error of a good pair")
+    client.repeat_until(
+        publish_a_good_pair,
+        lambda: 2 in client.stamps("tracking_error/position"),
+        "the error of a good pair",
+    )
     assert set(client.stamps("joint_states")) == {2}
-    assert node.process.poll() is None
+    assert node.is_running
     assert "Traceback" not in node.log
-
-
-def _said(node: Any, text: str, client: Any, message: JointState) -> bool:
-    client.command.publish(message)
-    client.take_messages(0.2)
-    return text in node.log
 
 
 def test_the_fake_robot_pairs_in_either_order_and_ignores_bad_targets(
@@ -355,7 +351,7 @@ def test_the_fake_robot_pairs_in_either_order_and_ignores_bad_targets(
         return stamp in client.stamps("tracking_error/orientation")
 
     client.accepted_target.publish(client.pose_stamped(_with(0, math.nan), 1, "base_link"))
-    node.wait_for_line("accepted target ignored: position.x is nan")
+    node.wait_for_text("accepted target ignored: position.x is nan")
     for target_first in (True, False):
         client.wait_until(
             lambda target_first=target_first: answered(target_first),

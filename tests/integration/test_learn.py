@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.processes import LONG_PATIENCE, run_python
 
 from annik_core.dataset import load_dataset
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.slow
 def test_learn(tmp_path: Path) -> None:
     """Twenty poses take it from millimetres to a few hundredths."""
     folder = tmp_path / "learn"
-    result = subprocess.run(
-        [sys.executable, "-m", "examples.learn", "--examples", "20", "--out", str(folder)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    command = ("-m", "examples.learn", "--examples", 20, "--out", folder)
+    result = run_python(*command, patience=LONG_PATIENCE)
     assert result.returncode == 0, result.stdout + result.stderr
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     for name in ("nominal", "learned"):

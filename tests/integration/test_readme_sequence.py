@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from support.ros_processes import TIMEOUT
+from support.processes import wait_until
 
 from msg_tools.bags.reader import read_bag
 from msg_tools.report.write import write_report
@@ -24,16 +23,15 @@ def test_the_bag_holds_every_target_and_what_came_of_it(
     launch: Callable[..., Any], tmp_path: Path
 ) -> None:
     bag = tmp_path / "my_bag"
-    launch("ik_node")
+    # Of targets that wait, a late ik_node takes the newest only, unless it is told otherwise.
+    launch("ik_node", "-p", "queue_depth:=100")
     launch("fake_robot")
     recorder = launch("bag_recorder", "-p", f"output:={bag}")
     publisher = launch("target_publisher", "-p", "wait_for_subscribers:=2")
     assert publisher.wait_for_exit() == 0
     # The last target is delivered when its publisher ends; what comes of it is still on its way.
-    deadline = time.monotonic() + TIMEOUT
-    while _recorded_errors(bag) < 15 and time.monotonic() < deadline:
-        time.sleep(0.1)
-    recorder.process.send_signal(signal.SIGINT)
+    wait_until(lambda: _recorded_errors(bag) >= 15, "the errors of all targets in the bag")
+    recorder.signal(signal.SIGINT)
     assert recorder.wait_for_exit() == 0
     results = write_report(bag, tmp_path / "report").results()
     assert (

@@ -58,9 +58,15 @@ def test_both_nodes_have_the_topics_and_services_that_are_documented(
             if name not in ("/rosout", "/parameter_events", "/ik_node/transition_event")
         }
         assert own.items() <= documented.items()
-    services = {
-        name.replace("/ik_node", "~"): types[0]
-        for name, types in client.node.get_service_names_and_types_by_node("ik_node", "/")
-        if "parameter" not in name and "type_description" not in name
-    }
-    assert services == {service.name: service.type for service in SERVICES}
+
+    def services() -> dict[str, str]:
+        return {
+            name.replace("/ik_node", "~"): types[0]
+            for name, types in client.node.get_service_names_and_types_by_node("ik_node", "/")
+            if "parameter" not in name and "type_description" not in name
+        }
+
+    documented = {service.name: service.type for service in SERVICES}
+    # They are discovered one by one.
+    client.wait_until(lambda: len(services()) >= len(documented), "all services")
+    assert services() == documented

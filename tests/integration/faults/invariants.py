@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import PoseArray
 from std_msgs.msg import Float64MultiArray
-from support.ros_processes import TIMEOUT, Client
+from support.client import Client
 from trajectory_msgs.msg import JointTrajectory
 
 from annik_core.model.artifact import default_model_path, load_model
@@ -33,7 +32,7 @@ def good_target(number: int) -> FloatArray:
 
 
 #: What :func:`connect` sends, unlike all other targets.
-CONTACTS = [good_target(-2 - number) for number in range(100)]
+CONTACTS = [good_target(-2 - number) for number in range(200)]
 
 
 def connect(client: Client, result: str = "joint_command", first: int = 0) -> int:
@@ -52,23 +51,25 @@ def connect(client: Client, result: str = "joint_command", first: int = 0) -> in
         first results it may have missed some.
     """
     client.connect(good_target(0), result)
-    deadline = time.monotonic() + TIMEOUT
-    for contact in CONTACTS[first:]:
-        client.send(contact)
-        pause = time.monotonic() + 1.0
-        while time.monotonic() < pause:
-            client.take_messages(0.02)
-            if client.stamps_of(contact):
-                client.wait_for_results(contact, [result])
-                return settled(client)
-        assert time.monotonic() < deadline, "no answer to a contact"
-    raise AssertionError("no answer to the last contact")
+    contacts = iter(CONTACTS[first:])
+    sent: list[FloatArray] = []
+
+    def send_another() -> None:
+        sent.append(next(contacts))
+        client.send(sent[-1])
+
+    # Only the newest one's answer says that none is on its way.
+    client.repeat_until(
+        send_another, lambda: sent and client.stamps_of(sent[-1]), "a contact's answer", pause=2.0
+    )
+    client.wait_for_results(sent[-1], [result])
+    return settled(client)
 
 
 def settled(client: Client) -> int:
     """How many targets the node has received, once no more come; all else is forgotten."""
     _, values = client.wait_for_status("ik_node", lambda _: True, "any state")
-    client.take_messages(0.1)
+    client.take_the_rest()
     for messages in client.received.values():
         messages.clear()
     return counts_in(values).received

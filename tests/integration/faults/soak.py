@@ -22,6 +22,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import support  # noqa: F401 - sets up the environment that rclpy reads when it is imported
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped
 from invariants import (
     GOOD,
     UNREACHABLE,
@@ -34,15 +36,13 @@ from invariants import (
     wait_for_pairs,
 )
 from mutations import message_of, mutated
-from support.ros_processes import DOMAINS, READY_LINES, TIMEOUT, Client, NodeProcess
-
-# After the module that sets the environment up.
-from geometry_msgs.msg import Pose, PoseArray, PoseStamped  # isort: skip
-from rclpy.publisher import Publisher  # isort: skip
-from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data  # isort: skip
-from rclpy.serialization import serialize_message  # isort: skip
-from rosgraph_msgs.msg import Clock  # isort: skip
-from sensor_msgs.msg import JointState  # isort: skip
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from support.client import Client
+from support.nodes import NodeProcess, reserved_domain
 
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray, checked_pose
@@ -141,10 +141,10 @@ class Soak:
         last = self._newest()
         self._client.wait_for_results(last, ["joint_command", ERROR])
         for name, process in self._processes.items():
-            assert process.process.poll() is None, f"{name} has ended"
+            assert process.is_running, f"{name} has ended"
             assert "Traceback" not in process.log, f"{name} had an exception"
-            now = resident_memory(process.process.pid)
-            before = self._memory.setdefault(process.process.pid, now)
+            now = resident_memory(process.pid)
+            before = self._memory.setdefault(process.pid, now)
             assert now - before < LARGEST_GROWTH, f"{name} has grown by {now - before} bytes"
         self._check_counts()
         self._check_commands()
@@ -198,7 +198,7 @@ class Soak:
         }[name]
         log = self._folder / f"{self._started:04}_{name}.log"
         self._processes[name] = NodeProcess(name, arguments, self._domain, log)
-        self._processes[name].wait_for_line(READY_LINES[name])
+        self._processes[name].wait_until_ready()
 
     def _find_each_other(self) -> None:
         """Send targets until all is connected, and begin to count when none is on its way."""
@@ -207,6 +207,10 @@ class Soak:
         self._until_the_last_is_answered(Pose, self._client.target)
         for kind, publisher in self._publishers.items():
             self._until_the_last_is_answered(kind, publisher)
+        self._count_from_here()
+
+    def _count_from_here(self) -> None:
+        """Begin to count, when no target is on its way."""
         _, values = self._client.wait_for_status(
             "ik_node", lambda values: "targets received" in values, "counts"
         )
@@ -219,26 +223,27 @@ class Soak:
         What one publisher sends comes in order. So nothing is on its way then, as the first ones
         may be for seconds, if the reader learns of its writer later than the other way round.
         """
-        deadline = time.monotonic() + TIMEOUT
         points = 1
-        while True:
-            target = self._new_target()
+        target = self._new_target()
+
+        def send_another() -> None:
+            nonlocal points, target
             points += 1
+            target = self._new_target()
             if kind is PoseArray:
                 publisher.publish(path_message([target] * points))
             else:
                 publisher.publish(self._message(kind, target))
-            pause = time.monotonic() + 0.5
-            while time.monotonic() < pause:
-                self._client.take_messages(0.02)
-                if kind is not PoseArray:
-                    answered = bool(self._client.stamps_of(target))
-                else:
-                    trajectories = self._client.received["joint_trajectory"]
-                    answered = any(len(answer.points) == points for answer in trajectories)
-                if answered:
-                    return
-            assert time.monotonic() < deadline, f"no answer to a {kind.__name__}"
+
+        def is_answered() -> bool:
+            if kind is not PoseArray:
+                return bool(self._client.stamps_of(target))
+            trajectories = self._client.received["joint_trajectory"]
+            return any(len(answer.points) == points for answer in trajectories)
+
+        self._client.repeat_until(
+            send_another, is_answered, f"an answer to a {kind.__name__}", pause=1.0
+        )
 
     def _new_target(self) -> FloatArray:
         self.sent += 1
@@ -301,7 +306,8 @@ class Soak:
         try:
             other.wait_until(other.target.get_subscription_count, "a reader of the targets")
             # The reader may know of it a moment later; what comes before that is lost.
-            other.take_messages(0.5)
+            self._until_the_last_is_answered(Pose, other.target)
+            self._count_from_here()
             for _ in range(50):
                 other.target.publish(pose_from_array(self._new_target()))
                 self._received += 1
@@ -420,7 +426,7 @@ class Soak:
         self._follow_a_path()
         self._processes["ik_node"].kill()
         # The last command may have gone out, and its target not.
-        self._client.take_messages(0.3)
+        self._client.take_the_rest()
         assert_all_numbers_finite(self._client)
         self._forget()
         self._start("ik_node")
@@ -442,7 +448,7 @@ class Soak:
         log = self._folder / f"{self._started:04}_bag_recorder.log"
         recorder = NodeProcess("bag_recorder", arguments, self._domain, log)
         try:
-            recorder.wait_for_line("recording 2 topics")
+            recorder.wait_for_text("recording 2 topics")
 
             def recorded() -> bool:
                 # It may know of the publishers a moment after it is ready.
@@ -466,7 +472,6 @@ def parsed(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="./run soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=20.0, help="how long (default: 20)")
     parser.add_argument("--seed", type=int, help="of the order of the faults (default: any)")
-    parser.add_argument("--domain", type=int, help="ROS domain (default: of the process)")
     return parser.parse_args(arguments)
 
 
@@ -474,23 +479,28 @@ def main(arguments: list[str]) -> int:
     """Run for a while; 0 if nothing was found, 1 after a line on what was."""
     options = parsed(arguments)
     seed = options.seed if options.seed is not None else random.SystemRandom().randrange(2**31)
-    domain = options.domain if options.domain is not None else os.getpid() % DOMAINS
+    with reserved_domain() as domain:
+        return run(seed, options.minutes, domain)
+
+
+def run(seed: int, minutes: float, domain: int) -> int:
+    """Run for some minutes in a ROS domain; returns the exit code."""
     folder = Path(tempfile.mkdtemp(prefix="annik_soak_"))
-    print(f"seed {seed}, {options.minutes:g} minutes, logs in {folder}", flush=True)
+    print(f"seed {seed}, {minutes:g} minutes, logs in {folder}", flush=True)
     start = time.monotonic()
     done: Counter[str] = Counter()
     name, soak = "start", None
     try:
         soak = Soak(seed, folder, domain)
         soak.check()
-        while time.monotonic() - start < 60 * options.minutes:
+        while time.monotonic() - start < 60 * minutes:
             for name in soak.order():
                 soak.faults[name]()
                 soak.check()
                 done[name] += 1
                 seconds = time.monotonic() - start
                 print(f"[{seconds:7.1f} s] {name}: survived", flush=True)
-                if seconds >= 60 * options.minutes:
+                if seconds >= 60 * minutes:
                     break
     # A finding of pytest's is no Exception.
     except (Exception, pytest.fail.Exception) as finding:

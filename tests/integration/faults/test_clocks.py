@@ -83,7 +83,7 @@ def test_simulated_time_may_do_what_it_likes(launch: Callable[..., Any], client:
     # rclpy's own clock knows no negative time, and says so by an exception.
     assert int(found[1]["callback errors"]) == 1
     assert int(found[1]["refused: stale target"]) == stale
-    assert node.process.poll() is None
+    assert node.is_running
     assert client.state("ik_node") == "active"
     # Back to the clock on the wall, and to the other again, between two targets.
     for simulated, seconds in ((False, None), (True, 6000), (False, None)):

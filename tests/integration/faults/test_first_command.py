@@ -9,6 +9,7 @@ import numpy as np
 from invariants import good_target, wait_for_counts
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
+from support.processes import PATIENCE
 
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray
@@ -28,8 +29,6 @@ class _Robot:
             JointState, "joint_states", qos_profile_sensor_data
         )
         client.wait_until(self._publisher.get_subscription_count, "the node listens")
-        # The other side may know of it a moment later.
-        client.take_messages(0.3)
 
     def is_at(self, positions: FloatArray, grippers: int = 0) -> None:
         names = SOLVER.robot.joint_names
@@ -51,48 +50,76 @@ def test_the_first_command_must_be_near_the_measured_joint_positions(
     node = launch(
         "ik_node",
         *("-p", "first_command:=near", "-p", "queue_depth:=100", "-p", "max_first_step:=0.1"),
-        *("-p", "measurement_timeout:=0.3"),
+        *("-p", f"measurement_timeout:={PATIENCE}"),
     )
-    positions = SOLVER.solve(good_target(0)).joint_positions
-    assert positions is not None
+    near = SOLVER.solve(good_target(0)).joint_positions
+    assert near is not None
     robot = _Robot(client)
-    client.send(good_target(1))
-    node.wait_for_line("where the robot is has not been measured")
-    robot.is_at(positions)
-    client.take_messages(0.4)
-    client.send(good_target(2))
-    client.take_messages(0.2)
-    robot.is_at(positions + np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
-    client.send(good_target(3))
-    assert wait_for_counts(client, 3).reasons == {"first command too far": 3}
+    sent = 0
+
+    def send() -> None:
+        nonlocal sent
+        sent += 1
+        client.send(good_target(sent))
+
+    def is_answered() -> None:
+        client.wait_for_results(good_target(sent), ["joint_command"])
+
+    def set_parameter(name: str, value: object) -> None:
+        assert client.set_parameter("ik_node", name, value).successful
+
+    def let_the_measurement_grow_old() -> None:
+        set_parameter("measurement_timeout", 0.1)
+        client.take_messages(0.2)
+
+    def be_far_and_send() -> None:
+        robot.is_at(near + np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
+        send()
+
+    send()
+    node.wait_for_text("where the robot is has not been measured")
+    # What is published before the node knows the robot is lost.
+    client.repeat_until(
+        be_far_and_send, lambda: "is measured at" in node.log, "the node hears the robot"
+    )
+    robot.is_at(near)
+    let_the_measurement_grow_old()
+    send()
+    counts = wait_for_counts(client, sent)
+    assert counts.reasons == {"first command too far": sent}
     assert not client.received["joint_command"]
-    robot.is_at(positions, grippers=4)
-    client.send(good_target(4))
-    client.wait_for_results(good_target(4), ["joint_command"])
+    set_parameter("measurement_timeout", PATIENCE)
+    robot.is_at(near, grippers=4)
+    send()
+    is_answered()
     # From here on, the last command says where the robot is.
-    client.take_messages(0.4)
-    client.send(good_target(5))
-    client.wait_for_results(good_target(5), ["joint_command"])
+    let_the_measurement_grow_old()
+    send()
+    is_answered()
     # Somebody may have moved it while nothing was commanded.
     assert client.change_state("ik_node", "deactivate")
     assert client.change_state("ik_node", "activate")
-    client.send(good_target(6))
-    client.take_messages(0.2)
+    send()
+    refused = counts.refused + 1
+    assert wait_for_counts(client, sent).reasons == {"first command too far": refused}
     # Enough for some: nobody measures, so nobody knows better.
-    assert client.set_parameter("ik_node", "first_command", "near_if_measured").successful
-    robot.is_at(positions + 0.2)
-    client.send(good_target(7))
-    assert wait_for_counts(client, 7).reasons == {"first command too far": 5}
-    client.take_messages(0.4)
-    client.send(good_target(8))
-    client.wait_for_results(good_target(8), ["joint_command"])
+    set_parameter("first_command", "near_if_measured")
+    set_parameter("measurement_timeout", PATIENCE)
+    robot.is_at(near + 0.2)
+    send()
+    refused += 1
+    assert wait_for_counts(client, sent).reasons == {"first command too far": refused}
+    let_the_measurement_grow_old()
+    send()
+    is_answered()
     # The rule for every command, not for the first alone.
-    assert client.set_parameter("ik_node", "max_measured_step", 0.1).successful
-    robot.is_at(positions + 0.2)
-    client.send(good_target(9))
-    counts = wait_for_counts(client, 9)
-    assert counts.reasons == {"first command too far": 5, "too far from measured": 1}
-    robot.is_at(positions)
-    client.send(good_target(10))
-    client.wait_for_results(good_target(10), ["joint_command"])
+    set_parameter("max_measured_step", 0.1)
+    set_parameter("measurement_timeout", PATIENCE)
+    robot.is_at(near + 0.2)
+    send()
+    reasons = {"first command too far": refused, "too far from measured": 1}
+    assert wait_for_counts(client, sent).reasons == reasons
+    robot.is_at(near)
+    send()
+    is_answered()
     assert len(client.received["joint_command"]) == 4

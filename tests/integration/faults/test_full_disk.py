@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -19,7 +18,7 @@ from invariants import (
     wait_for_counts,
 )
 from rosbags.rosbag2 import Reader
-from support.ros_processes import ROOT, TIMEOUT
+from support.processes import Process
 
 from msg_tools.bags.reader import read_bag
 
@@ -53,28 +52,19 @@ def small_disk(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def recorder(small_disk: Path, domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+def recorder(small_disk: Path, domain: int, tmp_path: Path) -> Iterator[Process]:
     """A recorder on that disk; the bag is in ``copy`` when it has ended."""
     script = ON_A_SMALL_DISK.format(disk=small_disk, python=sys.executable, copy=tmp_path / "copy")
-    process = subprocess.Popen(
-        _unshare(script),
-        cwd=ROOT,
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
+    environment = {"ROS_DOMAIN_ID": str(domain)}
+    process = Process(*_unshare(script), log=tmp_path / "recorder.log", environment=environment)
     yield process
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    process.kill()
 
 
 def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
     launch: Callable[..., Any],
     client: Any,
-    recorder: subprocess.Popen[str],
+    recorder: Process,
     tmp_path: Path,
 ) -> None:
     """The recorder says so and ends with code 1; its bag has all until then; targets go on."""
@@ -90,13 +80,12 @@ def test_a_disk_that_fills_up_ends_the_recording_and_nothing_else(
             number += 1
             client.send(good_target(number))
         client.wait_for_results(good_target(number), ["joint_command"])
-        return recorder.poll() is not None
+        return not recorder.is_running
 
-    client.wait_until(ended, "the end of the recording", 2 * TIMEOUT)
-    output, _ = recorder.communicate()
-    assert recorder.returncode == 1, output
-    assert "No space left on device" in output
-    assert "Traceback" not in output
+    client.wait_until(ended, "the end of the recording")
+    assert recorder.wait_for_exit() == 1, recorder.log
+    assert "No space left on device" in recorder.log
+    assert "Traceback" not in recorder.log
     recorded = [
         record.message.header.stamp
         for record in read_bag(tmp_path / "copy").records({"/joint_command"})

@@ -63,14 +63,18 @@ def test_fuzzed_targets_are_counted_one_by_one_and_good_ones_between_them_answer
         return len(client.received[result])
 
     sent = []
-    for number in itertools.count(50_000):
-        contact = good_target(number)
-        sent.append(serialize_message(message_of(message_type, [contact])))
+    numbers = itertools.count(50_000)
+    newest = good_target(next(numbers))
+
+    def send_another() -> None:
+        newest[:] = good_target(next(numbers))
+        sent.append(serialize_message(message_of(message_type, [newest])))
         publisher.publish(sent[-1])
-        client.take_messages(0.3)
-        # What was sent before it has come before it, or never will.
-        if _is_answered(client, message_type, contact):
-            break
+
+    # What was sent before the newest one has come before it, or never will.
+    client.repeat_until(
+        send_another, lambda: _is_answered(client, message_type, newest), "an answer", pause=1.0
+    )
     contacts = settled(client)
     fuzzed = mutated(message_type, good_target(0), FUZZED, 1, LONGEST[message_type])
     for batch in range(FUZZED // BATCH):
@@ -198,7 +202,7 @@ def test_fuzzed_joint_states_and_commands_move_nothing(
     assert counts.reasons == {"first command too far": 40}
     assert not client.received["accepted_target"]
     for process in (node, robot_node):
-        assert process.process.poll() is None
+        assert process.is_running
         assert "Traceback" not in process.log
     # The mark of what the fake robot followed is a state under the command's stamp.
     commands.publish(joint_state_from_array(middle, names, stamp_from_nanoseconds(123_456)))

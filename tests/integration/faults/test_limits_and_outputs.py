@@ -19,6 +19,7 @@ from invariants import (
     settled,
     wait_for_counts,
 )
+from support.processes import PATIENCE
 
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray
@@ -83,10 +84,10 @@ def test_limits_hold_from_the_next_target_on_and_contradictions_are_refused_whol
     assert change(workspace_box_lower=everywhere[0], workspace_box_upper=everywhere[1])
     answered(5)
 
-    assert change(max_target_age=5.0)
+    assert change(max_target_age=30.0)
     now = client.node.get_clock().now().nanoseconds
     # The last of them has no stamp at all.
-    for seconds in (-3600, -6, 60, 3600, -now * 1e-9):
+    for seconds in (-3600, -31, 60, 3600, -now * 1e-9):
         message = client.pose_stamped(good_target(6), now + int(1e9 * seconds), "base_link")
         client.stamped_target.publish(message)
     received += 5
@@ -155,12 +156,20 @@ def test_a_path_is_answered_whole_or_not_at_all(launch: Callable[..., Any], clie
     publisher = client.node.create_publisher(PoseArray, "target_poses", 10)
     path = [GOOD, *diagonal_path()]
     trajectories = client.received["joint_trajectory"]
-    for count in range(len(path), 1, -1):
-        publisher.publish(path_message(path[:count]))
-        client.take_messages(0.3)
-        # What was sent before it has come before it, or never will.
-        if trajectories and len(trajectories[-1].points) == count:
-            break
+    counts = iter(range(len(path), 1, -1))
+    sent: list[int] = []
+
+    def send_another() -> None:
+        sent.append(next(counts))
+        publisher.publish(path_message(path[: sent[-1]]))
+
+    # What was sent before the newest one has come before it, or never will.
+    client.repeat_until(
+        send_another,
+        lambda: trajectories and len(trajectories[-1].points) == sent[-1],
+        "a path's answer",
+        pause=PATIENCE / len(path),
+    )
     received = settled(client)
     not_finite = GOOD * [1, math.nan, *[1] * 5]
     for poses in ([], [GOOD] * 21, [not_finite, *path], [*path[:3], UNREACHABLE, UNREACHABLE]):

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import soak
+from support.processes import LONG_PATIENCE, run_python
 
 
-def test_a_short_soak_finds_nothing(domain: int) -> None:
+def test_a_short_soak_finds_nothing() -> None:
     """As a command: a line for each fault, a summary, exit code 0."""
     script = Path(soak.__file__)
     paths = [str(script.parents[2]), *sys.path]
-    finished = subprocess.run(
-        [sys.executable, script, "--minutes", "0.15", "--seed", "7", "--domain", str(domain)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
+    finished = run_python(
+        *(script, "--minutes", 0.15, "--seed", 7),
+        environment={"PYTHONPATH": os.pathsep.join(paths)},
+        patience=LONG_PATIENCE,
     )
     assert finished.returncode == 0, finished.stdout + finished.stderr
     assert finished.stdout.startswith("seed 7, 0.15 minutes, logs in ")

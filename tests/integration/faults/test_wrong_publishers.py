@@ -29,7 +29,7 @@ def test_the_wrong_quality_of_service_is_named_and_the_right_one_served(
     best_effort = client.node.create_publisher(
         Pose, "target_pose", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     )
-    node.wait_for_line("incompatible QoS")
+    node.wait_for_text("incompatible QoS")
     other_type = stranger.node.create_publisher(Twist, "target_pose", QoSProfile(depth=10))
     kept = client.node.create_publisher(
         Pose, "target_pose", QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -42,4 +42,4 @@ def test_the_wrong_quality_of_service_is_named_and_the_right_one_served(
     client.wait_until(lambda: client.stamps_of(good_target(10)), "an answer")
     assert wait_for_counts(client, contacts + 10).accepted == contacts + 10
     assert_every_command_belongs_to_a_target(client, [good_target(n) for n in range(11)])
-    assert node.process.poll() is None
+    assert node.is_running

@@ -1,32 +1,16 @@
-# ruff: noqa: E402 - rclpy reads its environment when it is imported, so that is set before
-"""Processes, and a client to talk to them, for the tests over real DDS.
-
-Every test gets a domain of its own on the loopback interface, and every process that it started is
-killed with its whole group when it ends, passed or failed.
-"""
+# ruff: noqa: E402 - without rclpy there is nothing to import
+"""A client of the nodes, for the tests over real DDS."""
 
 from __future__ import annotations
 
-import contextlib
-import copy
-import itertools
-import json
-import os
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 
-# Read when rclpy and the message packages are imported, here and in the processes started.
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+from support.processes import PATIENCE
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -44,103 +28,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from annik_core.model.artifact import default_model_path, load_model
 from annik_core.pose import FloatArray
-from annik_core.robots.library import robot_from_definition
 from msg_tools.conversions.pose import pose_from_array, pose_stamped_from_array
 from msg_tools.conversions.stamp import stamp_from_nanoseconds, stamp_to_nanoseconds
-
-ROOT = Path(__file__).resolve().parents[2]
-#: How long anything may take before a test fails [s]; a loaded machine is slow to start Python.
-TIMEOUT = 20.0
-#: Domains that every platform supports.
-DOMAINS = 102
-READY_LINES = {
-    "bag_recorder": "recording ",
-    "example_collector": "measured_pose -> joint_command",
-    "ik_node": "target_pose -> joint_command",
-    "fake_robot": "joint_command -> joint_states",
-    "target_publisher": "subscriber(s)",
-}
-
-# Several runs of the tests may go on at once, and each in several processes, numbered by
-# pytest-xdist: a run begins anywhere, and each of its processes has every other domain.
-_workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-_run = os.getpid() if _workers == 1 else os.getppid()
-_domains = itertools.count(_run * _workers + _worker, _workers)
-
-
-class NodeProcess:
-    """A node of annik in a process of its own, and what it logs."""
-
-    def __init__(
-        self,
-        module: str,
-        arguments: tuple[str, ...],
-        domain: int,
-        log: Path,
-        environment: Mapping[str, str] | None = None,
-    ) -> None:
-        """Start it.
-
-        Args:
-            module: the name of the node, a folder of ``annik_ros``.
-            arguments: ROS arguments, after ``--ros-args``.
-            domain: ROS domain.
-            log: the file for its output.
-            environment: what to change in the environment.
-        """
-        self.module = module
-        self._log = log
-        command = [sys.executable, "-m", f"annik_ros.{module}.node"]
-        if arguments:
-            command += ["--ros-args", *arguments]
-        with log.open("wb") as output:
-            self.process = subprocess.Popen(
-                command,
-                cwd=ROOT,
-                env={**os.environ, "ROS_DOMAIN_ID": str(domain), **(environment or {})},
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    @property
-    def log(self) -> str:
-        """Everything that it has written so far; nothing if that went to a device."""
-        if not self._log.is_file():
-            return ""
-        return self._log.read_text(encoding="utf-8", errors="replace")
-
-    def wait_for_line(self, text: str, timeout: float = TIMEOUT) -> None:
-        """Wait until it has logged ``text``; fail if it ends or takes too long."""
-        deadline = time.monotonic() + timeout
-        while text not in self.log:
-            # Looked at before the log is read again, so that last words are not missed.
-            ended = self.process.poll() is not None
-            if text in self.log:
-                return
-            if ended or time.monotonic() > deadline:
-                pytest.fail(f"{self.module} did not log {text!r} but:\n{self.log}")
-            time.sleep(0.02)
-
-    def wait_for_exit(self, timeout: float = TIMEOUT) -> int:
-        """Its exit code; fail if it does not end."""
-        try:
-            return self.process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            pytest.fail(f"{self.module} still runs after {timeout} s:\n{self.log}")
-
-    def signal(self, number: signal.Signals) -> None:
-        """Send it a signal."""
-        self.process.send_signal(number)
-
-    def kill(self) -> None:
-        """Kill it and everything that it started."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
 
 
 class Client:
@@ -183,14 +73,51 @@ class Client:
         self.node.create_subscription(message_type, topic, messages.append, QoSProfile(depth=1000))
 
     def wait_until(
-        self, condition: Callable[[], object], what: str, timeout: float = TIMEOUT
+        self, condition: Callable[[], object], what: str, patience: float = PATIENCE
     ) -> None:
         """Take messages until the condition holds; fail if it takes too long."""
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + patience
         while not condition():
             if time.monotonic() > deadline:
-                pytest.fail(f"waited {timeout} s in vain: {what}")
+                pytest.fail(f"waited {patience:g} s in vain: {what}")
             self.executor.spin_once(timeout_sec=0.05)
+
+    def repeat_until(
+        self,
+        action: Callable[[], object],
+        condition: Callable[[], object],
+        what: str,
+        pause: float = 0.3,
+    ) -> None:
+        """Do something again and again, taking messages in between, until a condition holds.
+
+        Args:
+            action: is done first, and once more after each pause.
+            condition: ends it, at once.
+            what: names what is waited for if it takes too long.
+            pause: time between two actions [s].
+        """
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            if time.monotonic() > deadline:
+                pytest.fail(f"waited {PATIENCE:g} s in vain: {what}")
+            action()
+            next_action = time.monotonic() + pause
+            while time.monotonic() < next_action and not condition():
+                self.executor.spin_once(timeout_sec=0.05)
+
+    def take_the_rest(self) -> None:
+        """Take messages until none came for a while, /diagnostics aside."""
+
+        def count() -> int:
+            return sum(
+                len(kept) for topic, kept in self.received.items() if topic != "/diagnostics"
+            )
+
+        before = -1
+        while before != count():
+            before = count()
+            self.take_messages(0.3)
 
     def take_messages(self, duration: float) -> None:
         """Take messages for a while [s]."""
@@ -233,14 +160,11 @@ class Client:
         count of matches says that the whole chain is there. No result of these targets is still on
         its way afterwards.
         """
-        deadline = time.monotonic() + TIMEOUT
-        while not self._has_result(pose, result):
-            if time.monotonic() > deadline:
-                pytest.fail(f"no {result} for the first target")
-            self.send(pose)
-            pause = time.monotonic() + 0.3
-            while time.monotonic() < pause and not self._has_result(pose, result):
-                self.executor.spin_once(timeout_sec=0.05)
+        self.repeat_until(
+            lambda: self.send(pose),
+            lambda: self._has_result(pose, result),
+            f"{result} of the first target",
+        )
         # Told from the others by its last bit, and answered after them: topics keep their order.
         last = pose.copy()
         last[0] = np.nextafter(pose[0], np.inf)
@@ -331,63 +255,6 @@ class Client:
         self.executor.shutdown(timeout_sec=0.0)
         self.node.destroy_node()
         self.context.try_shutdown()
-
-
-@pytest.fixture
-def other_robots_model(tmp_path: Path) -> Path:
-    """A sound model file of a robot that is the gantry but for the names of its joints."""
-    model = onnx.load(default_model_path())
-    definition = copy.deepcopy(dict(load_model(default_model_path()).metadata.robot))
-    definition["name"] = "other"
-    for joint in definition["joints"]:
-        joint["name"] = f"other_{joint['name']}"
-    robot = robot_from_definition(definition, "the test's")
-    changed = {
-        "annik.robot": definition,
-        "annik.robot_hash": robot.definition_hash,
-        "annik.joint_names": list(robot.joint_names),
-    }
-    for entry in model.metadata_props:
-        if entry.key in changed:
-            entry.value = json.dumps(changed[entry.key])
-    path = tmp_path / "other.onnx"
-    onnx.save(model, path)
-    return path
-
-
-@pytest.fixture
-def domain() -> int:
-    """A ROS domain that no other test of this run uses at the same time."""
-    return next(_domains) % DOMAINS
-
-
-@pytest.fixture
-def launch(domain: int, tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
-    """Start a node: ``launch(module, *ros_arguments)``; waits until it is ready if asked.
-
-    ``log``: where its output goes, if not into a file of the test. ``environment``: what to change
-    there.
-    """
-    processes: list[NodeProcess] = []
-
-    def start(
-        module: str,
-        *arguments: str,
-        ready: bool = True,
-        log: Path | None = None,
-        environment: Mapping[str, str] | None = None,
-    ) -> NodeProcess:
-        log = log or tmp_path / f"{len(processes)}_{module}.log"
-        process = NodeProcess(module, arguments, domain, log, environment)
-        processes.append(process)
-        if ready:
-            process.wait_for_line(READY_LINES[module])
-        return process
-
-    yield start
-    for process in processes:
-        process.kill()
-        print(f"--- {process.module} ---\n{process.log}")
 
 
 @pytest.fixture
