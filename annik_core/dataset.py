@@ -118,7 +118,7 @@ def save_dataset(dataset: Dataset, path: Path) -> None:
     """Write a dataset; an existing file is replaced only by a complete new one.
 
     Raises:
-        DatasetError: if the file can't be written.
+        NotWritable: if the file can't be written.
     """
     stream = io.BytesIO()
     np.savez(
@@ -128,10 +128,7 @@ def save_dataset(dataset: Dataset, path: Path) -> None:
         provenance=np.array(json.dumps(dataset.provenance, sort_keys=True)),
         sha256=np.array(dataset.content_hash),
     )
-    try:
-        write_files_atomically(path.parent, {path.name: stream.getvalue()})
-    except OSError as error:
-        raise DatasetError(f"dataset {path} can't be written: {error.strerror}") from error
+    write_files_atomically(path.parent, {path.name: stream.getvalue()})
 
 
 def load_dataset(path: Path) -> Dataset:

@@ -12,10 +12,10 @@ import numpy as np
 import onnx
 import torch
 
-from annik_core.files import write_files_atomically
+from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.installation import VERSION
 from annik_core.model.artifact import INPUT_NAME, OUTPUT_NAME, checked_model, make_session
-from annik_core.model.errors import ArtifactError, ArtifactNotWritable
+from annik_core.model.errors import ArtifactError
 from annik_core.model.metadata import FORMAT_VERSION, ModelMetadata
 from annik_core.pose import FloatArray
 from annik_training.designs.sampling import compute_random_dataset
@@ -60,7 +60,7 @@ def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> M
         ExportMismatch: if onnxruntime's answers differ from the network's by more than
             :data:`EXPORT_TOLERANCE`, one pose at a time or in a batch. Nothing is written then.
         ArtifactError: if a node would refuse the file. Nothing is written then either.
-        ArtifactNotWritable: if the file can't be written.
+        NotWritable: if the file can't be written.
     """
     model = to_onnx(fitted.network)
     metadata = _metadata(fitted, evaluation)
@@ -75,11 +75,8 @@ def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> M
     prove_export(fitted.network, content, np.concatenate([proof.poses, edge]), path)
     # What a node would refuse is not worth writing.
     checked_model(content, path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_files_atomically(path.parent, {path.name: content})
-    except OSError as error:
-        raise ArtifactNotWritable(path, error.strerror or str(error)) from error
+    ensure_writable_folder(path.parent)
+    write_files_atomically(path.parent, {path.name: content})
     return metadata
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from annik_core.dataset import Dataset
 from annik_core.files import ensure_writable_folder
-from annik_core.model.errors import ArtifactNotWritable
 from annik_core.robots.robot import Robot
 from annik_training.designs.sampling import compute_random_dataset
 from annik_training.evaluation import Evaluation, evaluate
@@ -50,27 +49,16 @@ def train(
     Raises:
         TooFewExamples: see :func:`annik_training.fitting.fit.fit`.
         ExportMismatch: see :func:`annik_training.export.export_model`.
-        ArtifactNotWritable: likewise.
+        NotWritable: if the file can't be written.
     """
-    check_writable(path)
+    # Before the fit, not after it.
+    ensure_writable_folder(path.parent)
     fitted = fit(dataset, options, on_restart)
     evaluation = evaluate(
         fitted.network.joint_positions, evaluation_dataset(dataset.robot, options.seed)
     )
     export_model(fitted, evaluation, path)
     return TrainingResult(path, fitted, evaluation)
-
-
-def check_writable(path: Path) -> None:
-    """Find out before the fit, not after it.
-
-    Raises:
-        ArtifactNotWritable: if the folder of ``path`` can't be written to.
-    """
-    try:
-        ensure_writable_folder(path.parent)
-    except OSError as error:
-        raise ArtifactNotWritable(path, error.strerror or str(error)) from error
 
 
 def evaluation_dataset(robot: Robot, seed: int) -> Dataset:

@@ -98,10 +98,3 @@ class NetworkFailed(ArtifactError):
     def __init__(self, path: Path, reason: str) -> None:
         self.reason = reason
         super().__init__(path, f"the network fails ({reason})")
-
-
-class ArtifactNotWritable(ArtifactError):
-    """The model file could not be written."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(path, f"can't be written ({reason})", "check the folder and free space")

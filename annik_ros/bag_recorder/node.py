@@ -31,11 +31,10 @@ from rosbags.interfaces import (
     QosTime,
 )
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, NotWritable
 from annik_ros.bag_recorder.parameters import BagRecorderParameters
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.run_node import initialise, one_line
-from msg_tools.bags.errors import BagNotWritable
 from msg_tools.bags.types import is_known_type
 from msg_tools.bags.writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.topics import TOPICS
@@ -92,7 +91,7 @@ class BagRecorder(Node):
         """Close the bag; needs no valid ROS context.
 
         Raises:
-            BagNotWritable: if the disk refuses.
+            NotWritable: if the disk refuses.
         """
         self._writer.close()
 
@@ -117,7 +116,7 @@ class BagRecorder(Node):
             self._subscribe(topic, self._types[topic])
         try:
             self._writer.flush()
-        except BagNotWritable as error:
+        except NotWritable as error:
             self._give_up(error)
             return
         if (
@@ -191,10 +190,10 @@ class BagRecorder(Node):
                 self._last_log_time,
                 info.get("source_timestamp") or self._last_log_time,
             )
-        except BagNotWritable as error:
+        except NotWritable as error:
             self._give_up(error)
 
-    def _give_up(self, error: BagNotWritable) -> None:
+    def _give_up(self, error: NotWritable) -> None:
         self.get_logger().fatal(f"recording stopped: {error}")
         self.finished.set_result(1)
 
@@ -280,7 +279,7 @@ def main(args: list[str] | None = None) -> int:
         try:
             recorder.close_bag()
             summary = recorder.summary
-        except BagNotWritable as error:
+        except NotWritable as error:
             errors.append(error)
         # Before the last words: a node that is gone does not try to publish them to /rosout.
         recorder.destroy_node()

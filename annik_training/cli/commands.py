@@ -24,7 +24,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from annik_core.errors import AnnikError
-from annik_core.files import write_files_atomically
+from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.installation import VERSION
 from annik_training.cli.options import ROBOT_OPTIONS, chosen_robot, robot_argument, robot_options
 
@@ -325,14 +325,13 @@ def fit(
     from annik_training.cli.calibration_output import learned_summary, print_learned
     from annik_training.designs.sampling import compute_dataset
     from annik_training.fitting.options import default_options
-    from annik_training.train import check_writable
     from annik_training.train import train as train_model
 
     dataset = _measured_dataset(measured)
     if nominal is not None:
         dataset = with_nominal(dataset, _robot_named(nominal))
     for path in (out, *([] if summary is None else [summary])):
-        check_writable(path)
+        ensure_writable_folder(path.parent)
     learned = learn_robot(dataset, seed, position_only=position_only)
     print_learned(learned)
     design, _ = _DEFAULT_DESIGNS["arm"]
@@ -866,11 +865,8 @@ def _training_summary(result: TrainingResult) -> dict[str, Any]:
 
 def _write(path: Path, content: str | bytes) -> None:
     data = content.encode() if isinstance(content, str) else content
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_files_atomically(path.parent, {path.name: data})
-    except OSError as error:
-        raise AnnikError(f"{path} can't be written: {error.strerror}") from error
+    ensure_writable_folder(path.parent)
+    write_files_atomically(path.parent, {path.name: data})
 
 
 def main() -> None:

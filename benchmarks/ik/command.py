@@ -47,14 +47,6 @@ class NoModelForBench(AnnikError):
         )
 
 
-class BenchNotWritable(AnnikError):
-    """A file of the benchmark can't be written."""
-
-    def __init__(self, folder: Path, reason: str) -> None:
-        self.folder = folder
-        super().__init__(f"the benchmark can't be written to {folder} ({reason})")
-
-
 def bench_ik_command(
     robot_name: str, model: Path | None, settings: BenchSettings, out: Path, docs: Path | None
 ) -> None:
@@ -73,11 +65,8 @@ def bench_ik_command(
     """
     folders = [out, *([docs / _DOCS_FOLDER] if docs is not None else [])]
     for folder in folders:
-        # Found out before the minutes of measuring, not after them.
-        try:
-            ensure_writable_folder(folder)
-        except OSError as error:
-            raise BenchNotWritable(folder, error.strerror or str(error)) from error
+        # Before the minutes of measuring, not after them.
+        ensure_writable_folder(folder)
     robot = load_robot(robot_name)
     robot_problem(robot)
     artifact = load_model(model or _packaged_model(robot.name), robot)
@@ -123,7 +112,4 @@ class _Shown:
 
 def _write(results: BenchResults, folder: Path) -> None:
     data = json.dumps(results.as_plain_data(), indent=2, allow_nan=False) + "\n"
-    try:
-        write_files_atomically(folder, {PAGE: bench_page(results).encode(), DATA: data.encode()})
-    except OSError as error:
-        raise BenchNotWritable(folder, error.strerror or str(error)) from error
+    write_files_atomically(folder, {PAGE: bench_page(results).encode(), DATA: data.encode()})

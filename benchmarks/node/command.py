@@ -26,14 +26,6 @@ DATA = "node_bench.json"
 _DOCS_FOLDER = "results"
 
 
-class NodeBenchNotWritable(AnnikError):
-    """A file of the benchmark can't be written."""
-
-    def __init__(self, folder: Path, reason: str) -> None:
-        self.folder = folder
-        super().__init__(f"the benchmark can't be written to {folder} ({reason})")
-
-
 def main() -> int:
     """Measure, and write page and data; returns the exit code."""
     arguments = _parser().parse_args()
@@ -107,11 +99,8 @@ def _bench(settings: NodeBenchSettings, out: Path, docs: Path | None) -> None:
     folders = [out, *([docs / _DOCS_FOLDER] if docs is not None else [])]
     logs = out / "node_bench_logs"
     for folder in (*folders, logs):
-        # Found out before the minutes of measuring, not after them.
-        try:
-            ensure_writable_folder(folder)
-        except OSError as error:
-            raise NodeBenchNotWritable(folder, error.strerror or str(error)) from error
+        # Before the minutes of measuring, not after them.
+        ensure_writable_folder(folder)
     results = run_node_bench(
         settings, logs, lambda part: print(f"measuring {part}", file=sys.stderr, flush=True)
     )
@@ -124,10 +113,7 @@ def _bench(settings: NodeBenchSettings, out: Path, docs: Path | None) -> None:
 def _write(results: NodeBenchResults, folder: Path) -> None:
     data = json.dumps(results.as_plain_data(), indent=2) + "\n"
     contents = {PAGE: node_bench_page(results).encode(), DATA: data.encode()}
-    try:
-        write_files_atomically(folder, contents)
-    except OSError as error:
-        raise NodeBenchNotWritable(folder, error.strerror or str(error)) from error
+    write_files_atomically(folder, contents)
 
 
 def _positive(text: str) -> float:

@@ -6,23 +6,12 @@ import json
 from pathlib import Path
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
-from annik_training.fitting.options import TrainingError
 from benchmarks.conditions import machine
 from benchmarks.paper.csv_tables import csv_tables
 from benchmarks.paper.document import paper_document
 from benchmarks.paper.figures import paper_figures
 from benchmarks.paper.reproduction import Measurements
 from benchmarks.paper.results import results
-
-
-class ReproductionNotWritable(TrainingError):
-    """What the reproduction of the paper found can't be written."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        self.path = path
-        self.reason = reason
-        super().__init__(f"{path} can't be written ({reason}): check the folder and free space")
-
 
 RESULTS = "results.json"
 PAGE = "paper.md"
@@ -35,13 +24,10 @@ def check_writable(*folders: Path) -> None:
     """Find out before the fits, not after them.
 
     Raises:
-        ReproductionNotWritable: naming the folder.
+        NotWritable: naming the folder.
     """
     for folder in folders:
-        try:
-            ensure_writable_folder(folder)
-        except OSError as error:
-            raise ReproductionNotWritable(folder, error.strerror or str(error)) from error
+        ensure_writable_folder(folder)
 
 
 def write_reproduction(measured: Measurements, folder: Path, docs: Path | None) -> None:
@@ -53,7 +39,7 @@ def write_reproduction(measured: Measurements, folder: Path, docs: Path | None) 
         docs: where the page goes too, its figures into ``images`` there.
 
     Raises:
-        ReproductionNotWritable: if a file can't be written.
+        NotWritable: if a file can't be written.
     """
     found = results(measured)
     ran_on = machine()
@@ -74,8 +60,5 @@ def write_reproduction(measured: Measurements, folder: Path, docs: Path | None) 
 
 
 def _write(folder: Path, content: dict[str, bytes]) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_files_atomically(folder, content)
-    except OSError as error:
-        raise ReproductionNotWritable(folder, error.strerror or str(error)) from error
+    ensure_writable_folder(folder)
+    write_files_atomically(folder, content)

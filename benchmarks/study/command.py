@@ -22,8 +22,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from annik_core.errors import NotWritable
-from annik_core.files import write_files_atomically
+from annik_core.files import ensure_writable_folder, write_files_atomically
 from benchmarks.study.errors import StudyError
 
 if TYPE_CHECKING:
@@ -204,8 +203,5 @@ def _best_table(rows: list[SummaryRow], budgets: tuple[int, ...]) -> Table:
 
 
 def _write(folder: Path, contents: Mapping[str, bytes]) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_files_atomically(folder, contents)
-    except OSError as error:
-        raise NotWritable(folder, error.strerror or str(error)) from error
+    ensure_writable_folder(folder)
+    write_files_atomically(folder, contents)

@@ -25,7 +25,3 @@ class BagNotFound(BagError):
 
 class BagNotReadable(BagError):
     """The bag is damaged beyond use, or not a bag."""
-
-
-class BagNotWritable(BagError):
-    """The bag can't be created or extended."""

@@ -12,8 +12,8 @@ from typing import IO, Any, Final, NoReturn, cast
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
 
+from annik_core.errors import NotWritable
 from annik_core.files import write_files_atomically
-from msg_tools.bags.errors import BagNotWritable
 from msg_tools.bags.metadata import (
     METADATA_FILE,
     RecordedSpan,
@@ -46,7 +46,7 @@ class BagWriter:
             directory: the bag; made with its parents, or an empty folder.
 
         Raises:
-            BagNotWritable: if it exists and is not an empty folder, or can't be created.
+            NotWritable: if it exists and is not an empty folder, or can't be created.
         """
         self._directory = directory
         self._file_name = f"{directory.absolute().name}_0.mcap"
@@ -71,7 +71,7 @@ class BagWriter:
             self._writer.start(profile="ros2", library=LIBRARY)
             self._file.flush()
             self._write_metadata()
-        except OSError as error:
+        except (OSError, NotWritable) as error:
             self._fail(error)
 
     @property
@@ -98,7 +98,7 @@ class BagWriter:
         if exception is None:
             self.close()
         else:
-            with suppress(BagNotWritable):
+            with suppress(NotWritable):
                 self.close()
 
     def __contains__(self, topic: str) -> bool:
@@ -114,22 +114,23 @@ class BagWriter:
             offered_qos: quality of service of its publishers, as far as known.
 
         Raises:
-            BagNotWritable: if the type is not known, the topic was added before with another type,
+            NotWritable: if the type is not known, the topic was added before with another type,
                 or the disk refuses.
         """
         if name in self._topics:
             if self._topics[name].type != message_type:
                 known = self._topics[name].type
-                raise BagNotWritable(
+                raise NotWritable(
                     self._directory,
-                    f"topic {name} holds {known}, it can't hold {message_type} too",
+                    f"topic {name} has the type {known}, not {message_type}",
+                    "a topic of a bag has one type",
                 )
             return
         if not is_known_type(message_type):
-            raise BagNotWritable(
+            raise NotWritable(
                 self._directory,
-                f"topic {name}: the definition of {message_type} is not known; "
-                "only types that come with ROS 2 Jazzy can be recorded",
+                f"topic {name} has the unknown type {message_type}",
+                "record types that come with ROS 2 Jazzy",
             )
         if message_type not in self._schemas:
             self._schemas[message_type] = self._writer.register_schema(
@@ -147,7 +148,7 @@ class BagWriter:
         self._topics[name] = RecordedTopic(name, message_type, tuple(offered_qos))
         try:
             self._write_metadata()
-        except OSError as error:
+        except (OSError, NotWritable) as error:
             self._fail(error)
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
@@ -160,7 +161,7 @@ class BagWriter:
             publish_time_ns: when it was sent [ns since the epoch].
 
         Raises:
-            BagNotWritable: if the disk refuses; what was flushed before stays readable.
+            NotWritable: if the disk refuses; what was flushed before stays readable.
             KeyError: if the topic was not added.
         """
         self._refuse_if_broken()
@@ -186,7 +187,7 @@ class BagWriter:
         before a pause.
 
         Raises:
-            BagNotWritable: if the disk refuses; what was flushed before stays readable.
+            NotWritable: if the disk refuses; what was flushed before stays readable.
         """
         self._refuse_if_broken()
         try:
@@ -196,14 +197,14 @@ class BagWriter:
             self._flushed_at = time.monotonic()
             if self._flushed_at - self._metadata_at >= METADATA_INTERVAL:
                 self._write_metadata()
-        except OSError as error:
+        except (OSError, NotWritable) as error:
             self._fail(error)
 
     def close(self) -> None:
         """Finish the file and its metadata; a second call, or one after a failure, does nothing.
 
         Raises:
-            BagNotWritable: if the disk refuses; what was flushed before stays readable.
+            NotWritable: if the disk refuses; what was flushed before stays readable.
         """
         if self._closed or self._broken:
             return
@@ -221,7 +222,7 @@ class BagWriter:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close(with_own_end=True)
             self._write_metadata()
-        except OSError as error:
+        except (OSError, NotWritable) as error:
             self._fail(error)
 
     def _make_empty_directory(self) -> None:
@@ -229,15 +230,13 @@ class BagWriter:
             self._directory.mkdir(parents=True, exist_ok=True)
             occupied = any(self._directory.iterdir())
         except OSError as error:
-            raise BagNotWritable(
-                self._directory,
-                f"the folder can't be created ({error.strerror}); give another folder",
-            ) from error
+            reason = error.strerror or str(error)
+            raise NotWritable(self._directory, reason, "give another folder") from error
         if occupied:
-            raise BagNotWritable(
+            raise NotWritable(
                 self._directory,
-                "the folder is not empty, and a bag is never overwritten; "
-                "give another folder or remove this one",
+                "the folder is not empty",
+                "a bag is never overwritten; give another folder or remove this one",
             )
 
     def _write_metadata(self) -> None:
@@ -247,16 +246,17 @@ class BagWriter:
 
     def _refuse_if_broken(self) -> None:
         if self._broken:
-            raise BagNotWritable(self._directory, "writing failed before; the bag was closed")
+            raise NotWritable(self._directory, "writing failed before", "start another bag")
         if self._closed:
-            raise BagNotWritable(self._directory, "the bag is closed")
+            raise NotWritable(self._directory, "the bag is closed", "start another bag")
 
-    def _fail(self, error: OSError) -> NoReturn:
+    def _fail(self, error: OSError | NotWritable) -> NoReturn:
         self._broken = True
         with suppress(OSError, AttributeError):
             self._file.close(with_own_end=False)
-        raise BagNotWritable(
+        reason = error.strerror or str(error) if isinstance(error, OSError) else error.reason
+        raise NotWritable(
             self._directory,
-            f"can't be written ({error.strerror or error}); what was recorded until now is kept; "
-            "check free space and permissions",
+            reason,
+            "check free space and permissions; what was recorded before is kept",
         ) from error

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from annik_core.errors import AnnikError
 from msg_tools.bags.errors import BagError
 
 
@@ -38,15 +37,4 @@ class UnknownNamespace(NamespaceError):
             path,
             f"no topic of annik in namespace {namespace}; namespaces with a robot: {there}",
             namespaces,
-        )
-
-
-class ReportNotWritable(AnnikError):
-    """The report's files can't be written; those of an earlier report are untouched."""
-
-    def __init__(self, directory: Path, reason: str) -> None:
-        self.directory = directory
-        super().__init__(
-            f"report {directory}: can't be written ({reason}); "
-            "check the folder, its permissions and free space"
         )

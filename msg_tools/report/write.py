@@ -7,9 +7,8 @@ import json
 from io import StringIO
 from pathlib import Path
 
-from annik_core.files import write_files_atomically
+from annik_core.files import ensure_writable_folder, write_files_atomically
 from msg_tools.bags.reader import read_bag
-from msg_tools.report.errors import ReportNotWritable
 from msg_tools.report.html import report_html
 from msg_tools.report.plots import report_plots
 from msg_tools.report.tracking import TrackingReport, tracking_report
@@ -35,7 +34,7 @@ def write_report(
         BagNotReadable: if nothing in it can be read.
         AmbiguousNamespace: if the bag holds robots in several namespaces and none is given.
         UnknownNamespace: if the given one holds no robot.
-        ReportNotWritable: if the files can't be written; earlier ones are then kept.
+        NotWritable: if the files can't be written; earlier ones are then kept.
     """
     report = tracking_report(read_bag(bag_path), namespace)
     plots = report_plots(report)
@@ -45,11 +44,8 @@ def write_report(
         "results.json": (json.dumps(report.results(), indent=2, allow_nan=False) + "\n").encode(),
         "targets.csv": _targets_csv(report).encode(),
     }
-    try:
-        output_directory.mkdir(parents=True, exist_ok=True)
-        write_files_atomically(output_directory, contents)
-    except OSError as error:
-        raise ReportNotWritable(output_directory, error.strerror or str(error)) from error
+    ensure_writable_folder(output_directory)
+    write_files_atomically(output_directory, contents)
     return report
 
 

@@ -1,4 +1,4 @@
-"""Folders that can be written to, found out beforehand. ROS-free."""
+"""Folders are checked before long work. ROS-free."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from annik_core.errors import NotWritable
 from annik_core.files import ensure_writable_folder
 
 
@@ -19,5 +20,6 @@ def test_a_folder_is_made_and_left_empty(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(NotADirectoryError):
+    with pytest.raises(NotWritable) as caught:
         ensure_writable_folder(tmp_path / "file" / "folder")
+    assert caught.value.path == tmp_path / "file" / "folder"

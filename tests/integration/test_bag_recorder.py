@@ -224,7 +224,7 @@ def test_the_default_output_is_a_dated_folder(recording: Recording, tmp_path: Pa
     ("parameter", "complaint"),
     [
         ("output:=occupied", "not empty"),
-        ("output:=occupied/file/bag", "can't be created"),
+        ("output:=occupied/file/bag", "occupied/file/bag can't be written"),
         ("topics:=['no topic']", "Invalid topic name"),
         ("duration:=soon", "duration"),
         ("duration:=-1.0", "duration"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
@@ -24,7 +25,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import Reader
 from support.robot_recording import START_NS, RobotRecording, make
 
-from msg_tools.bags.errors import BagNotWritable
+from annik_core.errors import NotWritable
 from msg_tools.bags.reader import read_bag
 from msg_tools.bags.types import jazzy_types
 from msg_tools.bags.writer import BagWriter
@@ -156,7 +157,7 @@ def test_writing_flushes_by_itself_when_a_chunk_is_full(tmp_path: Path) -> None:
 
 def test_a_folder_with_content_is_refused_and_kept(tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("mine")
-    with pytest.raises(BagNotWritable, match=r"not empty.*give another folder") as caught:
+    with pytest.raises(NotWritable) as caught:
         BagWriter(tmp_path)
     assert caught.value.path == tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]
@@ -171,25 +172,28 @@ def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", ["file/bag", "file"])
 def test_a_folder_that_can_not_be_made_is_refused(tmp_path: Path, path: str) -> None:
     (tmp_path / "file").write_text("not a folder")
-    with pytest.raises(BagNotWritable, match="can't be created"):
+    with pytest.raises(NotWritable) as caught:
         BagWriter(tmp_path / path)
+    assert caught.value.path == tmp_path / path
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
     (tmp_path / "locked").mkdir(mode=0o500)
-    with pytest.raises(BagNotWritable):
+    with pytest.raises(NotWritable):
         BagWriter(tmp_path / "locked")
 
 
 def test_an_unknown_type_and_a_second_type_are_refused(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
-        with pytest.raises(BagNotWritable, match="my_msgs/msg/Mine"):
+        with pytest.raises(NotWritable) as caught:
             writer.add_topic("/mine", "my_msgs/msg/Mine")
+        assert "my_msgs/msg/Mine" in caught.value.reason
         writer.add_topic("/point", POINT)
         writer.add_topic("/point", POINT)
-        with pytest.raises(BagNotWritable, match="can't hold"):
+        with pytest.raises(NotWritable) as caught:
             writer.add_topic("/point", "geometry_msgs/msg/Pose")
+        assert "/point" in caught.value.reason
 
 
 def test_a_closed_bag_takes_no_more(tmp_path: Path) -> None:
@@ -197,7 +201,7 @@ def test_a_closed_bag_takes_no_more(tmp_path: Path) -> None:
     writer.add_topic("/point", POINT)
     writer.close()
     writer.close()
-    with pytest.raises(BagNotWritable, match="closed"):
+    with pytest.raises(NotWritable):
         writer.write("/point", point_cdr(0), START_NS, START_NS)
 
 
@@ -206,7 +210,7 @@ def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> No
         f"""
         import resource, sys
         from pathlib import Path
-        from msg_tools.bags.errors import BagNotWritable
+        from annik_core.errors import NotWritable
         from msg_tools.bags.writer import BagWriter
         resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
         flushed = 0
@@ -218,8 +222,8 @@ def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> No
                     if number % 100 == 0:
                         writer.flush()
                         flushed = number + 1
-        except BagNotWritable as error:
-            print(flushed, error)
+        except NotWritable as error:
+            print(flushed, error.reason)
         """
     )
     output = subprocess.run(
@@ -229,7 +233,7 @@ def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> No
         check=True,
         timeout=60,
     ).stdout
-    assert "check free space" in output
+    assert os.strerror(errno.EFBIG) in output
     bag = read_bag(tmp_path / "bag")
     assert bag.message_count == int(output.split()[0]) > 1000
     assert not bag.complete

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 import struct
 from html.parser import HTMLParser
 from io import StringIO
@@ -14,8 +16,8 @@ import pytest
 from rich.console import Console
 from support.robot_recording import RobotRecording
 
+from annik_core.errors import NotWritable
 from msg_tools.bags.reader import read_bag
-from msg_tools.report.errors import ReportNotWritable
 from msg_tools.report.table import print_report
 from msg_tools.report.tracking import TrackingReport, tracking_report
 from msg_tools.report.write import write_report
@@ -168,9 +170,9 @@ def test_an_output_that_can_not_be_written_is_a_typed_error(tmp_path: Path) -> N
     bag = RobotRecording(count=3).write(tmp_path / "bag")
     (tmp_path / "file").write_text("")
     for output in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(ReportNotWritable, match="check the folder") as caught:
+        with pytest.raises(NotWritable) as caught:
             write_report(bag, output)
-        assert caught.value.directory == output
+        assert caught.value.path == output
 
 
 def test_a_report_that_fails_half_way_keeps_the_earlier_one(
@@ -184,12 +186,13 @@ def test_a_report_that_fails_half_way_keeps_the_earlier_one(
 
     def full_disk(path: Path, content: bytes) -> int:
         if "results.json" in path.name:
-            raise OSError(28, "No space left on device")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return write(path, content)
 
     monkeypatch.setattr(Path, "write_bytes", full_disk)
-    with pytest.raises(ReportNotWritable, match="No space left"):
+    with pytest.raises(NotWritable) as caught:
         write_report(second, out)
+    assert (caught.value.path, caught.value.reason) == (out, os.strerror(errno.ENOSPC))
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annik_core.dataset import Dataset, DatasetError, UnreadableDataset, load_dataset, save_dataset
+from annik_core.dataset import Dataset, UnreadableDataset, load_dataset, save_dataset
+from annik_core.errors import NotWritable
 from annik_core.robots.robot import Robot
 from annik_training.designs.sampling import compute_dataset
 
@@ -246,8 +247,10 @@ def test_a_missing_file(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_not_there(dataset: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="can't be written"):
-        save_dataset(dataset, tmp_path / "no" / "where.npz")
+    path = tmp_path / "no" / "where.npz"
+    with pytest.raises(NotWritable) as caught:
+        save_dataset(dataset, path)
+    assert caught.value.path == path
 
 
 def test_same_seed_same_content(gantry: Robot, dataset: Dataset) -> None:
