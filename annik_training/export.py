@@ -2,143 +2,126 @@
 
 from __future__ import annotations
 
-import logging
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import onnx
-import torch
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.installation import VERSION
-from annik_core.model.artifact import INPUT_NAME, OUTPUT_NAME, checked_model, make_session
-from annik_core.model.errors import ArtifactError
+from annik_core.model.artifact import checked_model
+from annik_core.model.errors import ModelError
+from annik_core.model.graph import FEATURES_NAME, INPUT_NAME, OUTPUT_NAME
 from annik_core.model.metadata import FORMAT_VERSION, ModelMetadata
+from annik_core.model.session import make_session
 from annik_core.pose import FloatArray
 from annik_training.designs.sampling import compute_random_dataset
 from annik_training.evaluation import Evaluation
 from annik_training.fitting.fit import FittedNetwork
-from annik_training.networks.network import InverseKinematicsNetwork, for_export
 
 
-class ExportMismatch(ArtifactError):
-    """The exported graph does not compute what the trained network computes."""
+class ExportMismatch(ModelError):
+    """A graph does not compute what it was made from.
+
+    Attributes:
+        difference: largest difference between their joint positions [rad or m].
+        tolerance: largest allowed.
+    """
 
     def __init__(self, path: Path, difference: float, tolerance: float) -> None:
         self.difference = difference
         self.tolerance = tolerance
         super().__init__(
             path,
-            f"exported and trained network differ by {difference:.3g}, more than {tolerance:g}",
+            f"its joint positions differ from the original's by {difference:.3g}; at most "
+            f"{tolerance:g} is allowed",
             "nothing was written; report this with your onnxruntime and torch versions",
         )
 
 
 #: Largest difference between exported and trained network [rad or m].
 EXPORT_TOLERANCE = 1e-9
-#: ONNX operator set: the newest that onnxruntime 1.18 knows whole.
-OPSET = 20
+#: Random poses to compare on.
+PROOF_POSES = 257
 _REFERENCE_POSES = 8
-_PROOF_POSES = 257
 
 
 def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> ModelMetadata:
     """Write a model file; an existing one is replaced only by a proven new one.
 
     Args:
-        fitted: the network and how it came about.
-        evaluation: its errors on unseen poses, which the file carries.
+        fitted: the network and how it was made.
+        evaluation: its errors on unseen poses, for the metadata.
         path: the ``.onnx`` file.
 
     Returns:
         The metadata that was written.
 
     Raises:
-        ExportMismatch: if onnxruntime's answers differ from the network's by more than
-            :data:`EXPORT_TOLERANCE`, one pose at a time or in a batch. Nothing is written then.
-        ArtifactError: if a node would refuse the file. Nothing is written then either.
+        ExportMismatch: if onnxruntime's joint positions differ from the network's by more than
+            :data:`EXPORT_TOLERANCE`. Nothing is written then.
+        ModelError: if a node would refuse the file. Nothing is written then either.
         NotWritable: if the file can't be written.
     """
-    model = to_onnx(fitted.network)
     metadata = _metadata(fitted, evaluation)
-    onnx.helper.set_model_props(model, metadata.to_properties())
-    model.producer_name = "annik"
-    model.producer_version = VERSION
-    onnx.checker.check_model(model, full_check=True)
-    content = model.SerializeToString(deterministic=True)
     robot = fitted.dataset.robot
-    proof = compute_random_dataset(robot, robot.joint_box, _PROOF_POSES, fitted.options.seed)
-    edge = fitted.dataset.poses
-    prove_export(fitted.network, content, np.concatenate([proof.poses, edge]), path)
-    # What a node would refuse is not worth writing.
-    checked_model(content, path)
-    ensure_writable_folder(path.parent)
-    write_files_atomically(path.parent, {path.name: content})
+    proof = compute_random_dataset(robot, robot.joint_box, PROOF_POSES, fitted.options.seed)
+    poses = np.concatenate([proof.poses, fitted.dataset.poses])
+    expected = fitted.network.joint_positions(poses)
+    write_model(fitted.network.as_onnx(), metadata, path, poses, expected, EXPORT_TOLERANCE)
     return metadata
 
 
-def to_onnx(network: InverseKinematicsNetwork) -> onnx.ModelProto:
-    """The ONNX graph of a network: input ``pose`` (n, 7), output ``joint_positions`` (n, dof)."""
-    example = torch.tensor([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 2, dtype=torch.float64)
-    module = for_export(network).eval()
-    with warnings.catch_warnings(), _quiet_exporter():
-        # The exporter warns of its own deprecations, which no caller can act on.
-        warnings.simplefilter("ignore")
-        program = torch.onnx.export(
-            module,
-            (example,),
-            input_names=[INPUT_NAME],
-            output_names=[OUTPUT_NAME],
-            dynamic_shapes=({0: torch.export.Dim("n")},),
-            opset_version=OPSET,
-            dynamo=True,
-            external_data=False,
-            verbose=False,
-        )
-    assert program is not None
-    model: onnx.ModelProto = program.model_proto
-    del model.metadata_props[:]
-    for node in model.graph.node:
-        # Traces of the exporter: source paths and stack frames, which say nothing to a user.
-        del node.metadata_props[:]
-        node.doc_string = ""
-    for value in [*model.graph.value_info, *model.graph.input, *model.graph.output]:
-        del value.metadata_props[:]
-    del model.graph.metadata_props[:]
-    return model
+def write_model(
+    graph: onnx.ModelProto,
+    metadata: ModelMetadata,
+    path: Path,
+    poses: FloatArray,
+    expected: FloatArray,
+    tolerance: float,
+) -> None:
+    """Write a graph and its metadata as a model file that a node accepts, or nothing.
 
+    Args:
+        graph: of a network, without metadata; they are added to it.
+        metadata: of the file.
+        path: the ``.onnx`` file.
+        poses: ``(n, 7)`` to prove the graph on.
+        expected: ``(n, dof)`` joint positions for them [rad or m].
+        tolerance: largest difference from these.
 
-@contextmanager
-def _quiet_exporter() -> Iterator[None]:
-    """Keep the exporter from warning that torchvision, which annik does not use, is missing."""
-    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
+    Raises:
+        ExportMismatch: if the graph computes something else.
+        ModelError: if a node would refuse the file.
+        NotWritable: if the file can't be written.
+    """
+    onnx.helper.set_model_props(graph, metadata.to_properties())
+    graph.producer_name = "annik"
+    graph.producer_version = VERSION
+    onnx.checker.check_model(graph, full_check=True)
+    content = graph.SerializeToString(deterministic=True)
+    prove_export(content, poses, expected, tolerance, path)
+    checked_model(content, path)
+    ensure_writable_folder(path.parent)
+    write_files_atomically(path.parent, {path.name: content})
 
 
 def prove_export(
-    network: InverseKinematicsNetwork, content: bytes, poses: FloatArray, path: Path
+    content: bytes, poses: FloatArray, expected: FloatArray, tolerance: float, path: Path
 ) -> None:
-    """Run an exported graph and compare it with the network it came from.
+    """Run a graph by onnxruntime: all poses at once, and the first of them one at a time.
 
     Args:
-        network: the trained network.
         content: the serialised graph.
-        poses: ``(n, 7)`` to compare on, all at once and the first of them one at a time.
-        path: what to call the file in an error.
+        poses: ``(n, 7)``.
+        expected: ``(n, dof)`` joint positions for them [rad or m].
+        tolerance: largest difference from these.
+        path: of the file, for errors.
 
     Raises:
-        ExportMismatch: if an answer differs by more than :data:`EXPORT_TOLERANCE`, or is NaN.
+        ExportMismatch: if a joint position differs by more, or is NaN.
     """
     session = make_session(content, path)
-    expected = network.joint_positions(poses)
     in_batch = session.run([OUTPUT_NAME], {INPUT_NAME: poses})[0]
     alone = np.concatenate(
         [session.run([OUTPUT_NAME], {INPUT_NAME: pose[np.newaxis]})[0] for pose in poses[:16]]
@@ -146,8 +129,8 @@ def prove_export(
     difference = max(
         float(np.abs(in_batch - expected).max()), float(np.abs(alone - expected[:16]).max())
     )
-    if not difference <= EXPORT_TOLERANCE:
-        raise ExportMismatch(path, difference, EXPORT_TOLERANCE)
+    if not difference <= tolerance:
+        raise ExportMismatch(path, difference, tolerance)
 
 
 def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ModelMetadata:
@@ -167,6 +150,7 @@ def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ModelMetadata:
         joint_box_lower=robot.joint_box.lower.tolist(),
         joint_box_upper=robot.joint_box.upper.tolist(),
         encoding=fitted.network.encoding.name,
+        features=FEATURES_NAME,
         hidden_units=list(fitted.options.hidden_units),
         design=dataset.design,
         design_options=dict(dataset.design_options),

@@ -8,93 +8,81 @@ from pathlib import Path
 from annik_core.errors import AnnikError
 
 
-class ArtifactError(AnnikError):
-    """A model file can't be used."""
+class ModelError(AnnikError):
+    """A model file can't be used.
 
-    remedy = "make the file again with 'annik train'"
+    Attributes:
+        path: the file.
+        problem: what is wrong with it.
+    """
 
-    def __init__(self, path: Path, problem: str, remedy: str | None = None) -> None:
+    def __init__(
+        self, path: Path, problem: str, remedy: str = "make the file again with 'annik train'"
+    ) -> None:
         self.path = path
         self.problem = problem
-        super().__init__(f"model {path}: {problem}; {remedy or self.remedy}")
+        super().__init__(f"model {path}: {problem}; {remedy}")
 
 
-class ArtifactNotFound(ArtifactError):
-    """There is no such model file."""
+class ModelNotFound(ModelError):
+    """There is no such file."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "no such file", "check the path given as 'model'")
 
 
-class ArtifactNotReadable(ArtifactError):
-    """The file is not ONNX, is truncated, or onnxruntime refuses it."""
+class UnreadableModel(ModelError):
+    """The file can't be read, is too large, is not ONNX, or onnxruntime refuses it."""
 
 
-class ArtifactTooLarge(ArtifactError):
-    """The file is larger than a model of annik can be."""
+class UnsupportedFormat(ModelError):
+    """The file is of another format version.
 
-    def __init__(self, path: Path, size: int, limit: int) -> None:
-        self.size = size
-        self.limit = limit
-        super().__init__(path, f"{size} bytes; at most {limit} are accepted")
+    Attributes:
+        found: its version.
+        supported: the versions that this annik reads.
+        convertible: whether ``annik convert`` makes a readable file of it.
+    """
 
-
-class ArtifactHasExternalData(ArtifactError):
-    """The weights are in other files; a model of annik is one self-contained file."""
-
-    def __init__(self, path: Path, tensor: str) -> None:
-        self.tensor = tensor
-        super().__init__(path, f"tensor {tensor!r} is stored outside the file")
-
-
-class UnsupportedArtifactVersion(ArtifactError):
-    """The format version is not one that this annik reads."""
-
-    def __init__(self, path: Path, found: str, supported: Sequence[str]) -> None:
+    def __init__(
+        self, path: Path, found: str, supported: Sequence[str], *, convertible: bool
+    ) -> None:
         self.found = found
         self.supported = tuple(supported)
+        self.convertible = convertible
+        command = f"'annik convert {path} --out NEW.onnx'"
         super().__init__(
             path,
             f"format version {found!r}; this annik reads {', '.join(self.supported)}",
-            "use the annik that made it, or make it again with 'annik train'",
+            f"convert it with {command}, or make it again with 'annik train'"
+            if convertible
+            else "use the annik that made it, or make it again with 'annik train'",
         )
 
 
-class MissingMetadata(ArtifactError):
-    """A key that every model of annik has is not in the file."""
+class InvalidGraph(ModelError):
+    """The graph has a part that no model has, or weights that are not finite numbers.
 
-    def __init__(self, path: Path, key: str) -> None:
-        self.key = key
-        super().__init__(
-            path,
-            f"metadata key {key!r} is missing",
-            "use a file made by 'annik train', unaltered",
-        )
+    Attributes:
+        part: name of the operator, the tensor, the attribute, or ``input`` or ``output``.
+    """
+
+    def __init__(self, path: Path, part: str, problem: str) -> None:
+        self.part = part
+        super().__init__(path, f"{part!r} in its graph {problem}")
 
 
-class InvalidMetadata(ArtifactError):
-    """A metadata entry has the wrong form or contradicts another."""
+class InvalidMetadata(ModelError):
+    """A metadata entry is missing, has the wrong form, or contradicts the graph or another entry.
+
+    Attributes:
+        key: of the entry, without the prefix ``annik.``.
+    """
 
     def __init__(self, path: Path, key: str, problem: str) -> None:
         self.key = key
         super().__init__(path, f"metadata key {key!r}: {problem}")
 
 
-class ArtifactSignatureMismatch(ArtifactError):
-    """The graph's inputs or outputs are not those of the artifact contract."""
-
-
-class NonFiniteWeights(ArtifactError):
-    """A weight of the network is NaN or infinite."""
-
-    def __init__(self, path: Path, tensor: str) -> None:
-        self.tensor = tensor
-        super().__init__(path, f"tensor {tensor!r} holds a value that is not finite")
-
-
-class NetworkFailed(ArtifactError):
-    """The network gives no answer, or one of another shape or type than it promises."""
-
-    def __init__(self, path: Path, reason: str) -> None:
-        self.reason = reason
-        super().__init__(path, f"the network fails ({reason})")
+class NetworkFailed(ModelError):
+    """The network has no output, or one of another shape or type than it must have."""

@@ -1,7 +1,7 @@
-"""What a model file says of itself, and its form inside the file.
+"""The metadata of a model file, and their form inside the file.
 
-Every entry is one ONNX metadata property, named ``annik.<key>``, whose value is JSON, so that any
-language can read it. docs/artifact.md is the reference.
+Every entry is one ONNX metadata property, named ``annik.<key>``, whose value is JSON. See
+docs/artifact.md.
 """
 
 from __future__ import annotations
@@ -9,21 +9,19 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin, get_type_hints
 
 import numpy as np
 
-from annik_core.model.errors import (
-    InvalidMetadata,
-    MissingMetadata,
-    UnsupportedArtifactVersion,
-)
+from annik_core.model.errors import InvalidMetadata, UnsupportedFormat
 from annik_core.robots.definition import is_numeric
 
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "2"
 SUPPORTED_VERSIONS = (FORMAT_VERSION,)
+#: What ``annik convert`` reads.
+CONVERTIBLE_VERSION = "1"
 _PREFIX = "annik."
 
 
@@ -32,28 +30,29 @@ class ModelMetadata:
     """Metadata of a model file.
 
     Attributes:
-        format_version: version of the artifact contract.
-        package_version: the annik that made the file.
+        format_version: version of the file format.
+        package_version: the annik that trained the network.
         robot: the whole robot definition, as plain data.
         robot_hash: SHA-256 of it.
         joint_names: joints in the order of the output's columns.
         base_frame: frame of the input poses.
         end_effector_frame: the frame whose pose it is.
-        joint_box_lower: ``dof`` numbers: where the examples come from [rad or m].
+        joint_box_lower: ``dof`` numbers, range of the examples [rad or m].
         joint_box_upper: likewise.
         encoding: name of the pose encoding in the graph.
+        features: name of the tensor in which the encoding ends.
         hidden_units: sizes of the hidden layers.
         design: name of the design of experiments.
         design_options: its options.
-        examples: number of distinct examples, held-out ones and second solutions included.
+        examples: number of distinct examples, with held-out ones and second solutions.
         held_out_examples: how many of them only chose the winner among the restarts.
         dataset_hash: SHA-256 of the examples.
-        seed: the seed that everything random was drawn from.
-        winning_restart: which restart the network is from.
+        seed: of all random numbers.
+        winning_restart: the restart that gave the network.
         fit_options: every option of the fit.
-        evaluation: percentiles of the network's errors on fresh random poses of the workspace.
+        evaluation: percentiles of the network's errors on fresh random poses.
         reference_poses: ``(k, 7)`` poses to prove a loaded file with.
-        reference_joint_positions: ``(k, dof)`` what the trained network answers to them.
+        reference_joint_positions: ``(k, dof)`` the trained network's joint positions for them.
     """
 
     format_version: str
@@ -66,6 +65,7 @@ class ModelMetadata:
     joint_box_lower: list[float]
     joint_box_upper: list[float]
     encoding: str
+    features: str
     hidden_units: list[int]
     design: str
     design_options: dict[str, Any]
@@ -80,7 +80,7 @@ class ModelMetadata:
     reference_joint_positions: list[list[float]]
 
     def to_properties(self) -> dict[str, str]:
-        """The entries as they stand in the file. Floats survive the round trip bit for bit.
+        """The entries as they are in the file. Floats survive the round trip bit for bit.
 
         Raises:
             ValueError: if a number is NaN or infinite, which JSON does not have.
@@ -95,14 +95,15 @@ class ModelMetadata:
         """Read the entries of the file at ``path``; the version is checked before all others.
 
         Raises:
-            MissingMetadata: if an entry is missing; names it.
-            UnsupportedArtifactVersion: if the file is of another format.
-            InvalidMetadata: if an entry has the wrong form; names it.
+            UnsupportedFormat: if the file is of another format.
+            InvalidMetadata: if an entry is missing or has the wrong form; names it.
         """
         version = _entry(properties, "format_version", path)
         if version not in SUPPORTED_VERSIONS:
-            raise UnsupportedArtifactVersion(path, str(version), SUPPORTED_VERSIONS)
-        values = {field.name: _entry(properties, field.name, path) for field in fields(cls)}
+            raise UnsupportedFormat(
+                path, str(version), SUPPORTED_VERSIONS, convertible=version == CONVERTIBLE_VERSION
+            )
+        values = {key: _entry(properties, key, path) for key in _KINDS}
         for key, kind in _KINDS.items():
             if not isinstance(values[key], kind) or isinstance(values[key], bool):
                 raise InvalidMetadata(path, key, f"not of type {kind.__name__}")
@@ -121,31 +122,13 @@ class ModelMetadata:
         return cls(**values)
 
 
-_KINDS: dict[str, type] = {
-    "package_version": str,
-    "robot": dict,
-    "robot_hash": str,
-    "joint_names": list,
-    "base_frame": str,
-    "end_effector_frame": str,
-    "encoding": str,
-    "hidden_units": list,
-    "design": str,
-    "design_options": dict,
-    "examples": int,
-    "held_out_examples": int,
-    "dataset_hash": str,
-    "seed": int,
-    "winning_restart": int,
-    "fit_options": dict,
-    "evaluation": dict,
-}
+_KINDS = {name: get_origin(kind) or kind for name, kind in get_type_hints(ModelMetadata).items()}
 
 
 def _entry(properties: Mapping[str, str], key: str, path: Path) -> Any:
     text = properties.get(_PREFIX + key)
     if text is None:
-        raise MissingMetadata(path, _PREFIX + key)
+        raise InvalidMetadata(path, key, "missing")
     try:
         return json.loads(
             text, parse_constant=_finite_float, parse_float=_finite_float, parse_int=_finite_int
@@ -156,7 +139,7 @@ def _entry(properties: Mapping[str, str], key: str, path: Path) -> Any:
 
 
 def _finite_float(text: str) -> float:
-    """For the JSON reader, which itself takes NaN and Infinity, and infinity for 1e999."""
+    """For the JSON reader, which itself accepts NaN and Infinity, and infinity for 1e999."""
     number = float(text)
     if not math.isfinite(number):
         raise ValueError(f"{text[:20]} is not a finite number")

@@ -1,8 +1,7 @@
-"""How a pose enters the network: the first layer of the exported graph.
+"""Encodings of a pose: the first part of the graph of a model file.
 
-Everything here is traced into the ONNX file, so it keeps to operations that onnxruntime has in
-double precision. It has no arctangent of that precision; :func:`arctangent2` takes the single
-precision one and corrects it by one Newton step, which brings it to double precision.
+They are traced into ONNX and keep to operators that onnxruntime has in double precision. It has no
+arctangent of that precision: :func:`arctangent2` corrects the single-precision one.
 """
 
 from __future__ import annotations
@@ -48,9 +47,8 @@ _PRODUCTS_TO_COLUMNS = torch.tensor(
 def arctangent2(sine: Tensor, cosine: Tensor) -> Tensor:
     """Angle in (-pi, pi] whose sine and cosine are proportional to these; 0 where both are 0.
 
-    The single-precision estimate is within 1e-6, so the error of one Newton step on
-    ``r sin(angle - estimate) = sine cos(estimate) - cosine sin(estimate)``, being cubic, is far
-    below double precision.
+    One Newton step on ``r sin(angle - estimate) = sine cos(estimate) - cosine sin(estimate)``.
+    Its error is cubic in that of the single-precision estimate, 1e-6: below double precision.
 
     Args:
         sine: any shape, float64.
@@ -68,26 +66,36 @@ def arctangent2(sine: Tensor, cosine: Tensor) -> Tensor:
 
 
 class PoseEncoding(nn.Module):
-    """Turns poses ``(n, 7)`` into features ``(n, features)``; both float64.
+    """Poses ``(n, 7)`` to the features ``(n, m)`` that a network sees; both float64.
 
-    A pose and the same pose with its quaternion negated must give the same features.
+    Features are linear in the terms of the encoding. A quaternion and its negative have the same.
+
+    Attributes:
+        name: of the encoding in a model file.
+        features: number of features, m.
+        terms_to_features: ``(t, m)``; features are ``terms @ terms_to_features``.
     """
 
     name: str
     features: int
+    terms_to_features: Tensor
 
     @abstractmethod
+    def terms(self, poses: Tensor) -> Tensor:
+        """Terms ``(n, t)`` of poses ``(n, 7)``: the tensor ``features`` of a model file."""
+
     def forward(self, poses: Tensor) -> Tensor:
-        """Features of poses."""
+        """Features ``(n, m)`` of poses ``(n, 7)``."""
+        return self.terms(poses) @ self.terms_to_features
 
 
 class PositionRollPitchYaw(PoseEncoding):
     """x, y, z [m] and roll, pitch, yaw [rad]: the inputs of the paper's network.
 
-    With ``w + y``, ``z - x``, ``w - y``, ``z + x`` of the quaternion, half the difference of yaw
-    and roll, half their sum, and the pitch are arctangents [Bernardes2022]_, accurate up to the
-    edge at a pitch of +90 degrees. There the sum has no effect on the orientation and can't be
-    known; it is then taken as that of ``centre``.
+    Half the difference of yaw and roll, half their sum, and the pitch are arctangents of
+    ``w + y``, ``z - x``, ``w - y`` and ``z + x`` of the quaternion [Bernardes2022]_, accurate up
+    to a pitch of +90 degrees. There the sum has no effect on the orientation: that of ``centre``
+    is taken.
 
     Args:
         centre: ``(3,)`` roll, pitch, yaw in the middle of the workspace [rad].
@@ -107,17 +115,22 @@ class PositionRollPitchYaw(PoseEncoding):
     def __init__(self, centre: np.ndarray[Any, np.dtype[np.float64]]) -> None:
         super().__init__()
         self.register_buffer("centre", torch.as_tensor(centre, dtype=torch.float64))
+        self.terms_to_features = torch.eye(self.features, dtype=torch.float64)
 
     def forward(self, poses: Tensor) -> Tensor:
         """x, y, z, roll, pitch, yaw ``(n, 6)`` of poses ``(n, 7)``."""
-        # z - x, z + x and w + y, w - y, in one product: few nodes make a quick graph.
+        return self.terms(poses)
+
+    def terms(self, poses: Tensor) -> Tensor:
+        """The features themselves."""
+        # z - x, z + x and w + y, w - y, in one product: few nodes make a fast graph.
         parts = poses[:, 3:] @ _QUATERNION_PARTS
         sines, cosines = parts[:, :2], parts[:, 2:]
         radii = torch.sqrt(sines * sines + cosines * cosines)
         from_edge, to_edge = radii[:, :1], radii[:, 1:]
         # Of the quaternion and its negative, take the one with w + y >= 0.
         sign = torch.where(cosines[:, :1] < 0.0, -_ONE, _ONE)
-        # One call for the three angles, for the same reason.
+        # One call for all three angles, for the same reason.
         angles = arctangent2(
             torch.cat([sign * sines, to_edge], dim=1),
             torch.cat([sign * cosines, from_edge], dim=1),
@@ -135,31 +148,35 @@ class PositionRollPitchYaw(PoseEncoding):
 class PositionRotationMatrix(PoseEncoding):
     """x, y, z [m] and the three axes of the end effector, the columns of its rotation matrix.
 
-    The smoothest of the encodings: quadratic in the quaternion, without an edge anywhere, and the
-    same for a quaternion and its negative. All three columns, though two would do: so the centre
-    of a wrist, which lies back from the flange along one of them, is linear in the features.
+    Quadratic in the quaternion and smooth everywhere. Two columns would determine the third; with
+    all three, the centre of a wrist, back from the flange along one of them, is linear in the
+    features.
     """
 
     name = "position_rotation_matrix"
     features = 12
 
-    factors: tuple[Tensor, Tensor, Tensor]
-    terms_to_features: Tensor
+    first_factor: Tensor
+    second_factor: Tensor
+    second_offset: Tensor
 
     def __init__(self) -> None:
         super().__init__()
-        #: A and B ``(7, 13)`` and b ``(13,)``: the terms are (pose A) (pose B + b), each by each:
-        #: x, y, z times one, and the ten products of two components of the quaternion.
-        self.factors = _term_factors()
-        #: ``(13, 12)``.
+        # (7, 13), (7, 13) and (13,).
+        first, second, offset = _term_factors()
+        self.register_buffer("first_factor", first)
+        self.register_buffer("second_factor", second)
+        self.register_buffer("second_offset", offset)
         self.terms_to_features = torch.block_diag(  # type: ignore[no-untyped-call]
             torch.eye(3, dtype=torch.float64), _PRODUCTS_TO_COLUMNS
         )
 
-    def forward(self, poses: Tensor) -> Tensor:
-        """Position and columns of the rotation matrix ``(n, 12)`` of poses ``(n, 7)``."""
-        first, second, offset = self.factors
-        return ((poses @ first) * (poses @ second + offset)) @ self.terms_to_features
+    def terms(self, poses: Tensor) -> Tensor:
+        """x, y, z and the ten products of two components of the quaternion ``(n, 13)``.
+
+        In one elementwise product of two linear functions of the pose.
+        """
+        return (poses @ self.first_factor) * (poses @ self.second_factor + self.second_offset)
 
 
 def _term_factors() -> tuple[Tensor, Tensor, Tensor]:

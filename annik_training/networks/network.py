@@ -1,29 +1,33 @@
-"""The network from encoded poses to joint positions, and its form for export.
+"""The network from poses to joint positions, and the ONNX graph that it becomes.
 
-The network: tanh hidden layers, a linear output layer, and the scaling around them.
-
-The same network in fewer operations, for the exported graph.
-
-For one pose, onnxruntime takes about as long for each operation, however small. What is linear
-between the products of the quaternion and the first layer, and after the last one, is therefore
-multiplied out once, at export; the export is then proven against the network as it was trained.
+Encoding, scaling, tanh hidden layers, linear output layer, scaling back. On one pose, onnxruntime
+takes about as long for a scaling as for a layer, so a :class:`FusedNetwork` is exported: what
+is linear between the encoding and the first layer, and after the last one, is multiplied out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
+import onnx
 import torch
 from torch import Tensor, nn
 
+from annik_core.model.graph import FEATURES_NAME, INPUT_NAME, OUTPUT_NAME
 from annik_core.pose import FloatArray
-from annik_training.networks.encoding import PoseEncoding, PositionRotationMatrix
+from annik_training.networks.encoding import PoseEncoding
 
-#: An axis narrower than this part of the widest has no width. On an arm whose end effector only
-#: turns about the vertical, most of the rotation matrix is constant but for rounding: to scale
-#: that up would make a network of it.
+#: ONNX operator set: the newest that onnxruntime 1.18 supports completely.
+OPSET = 20
+
+#: An axis narrower than this part of the widest has no width. Where an end effector only turns
+#: about the vertical, most of the rotation matrix is constant but for rounding, which must not be
+#: scaled up to a signal.
 _NO_WIDTH = 1e-6
 
 
@@ -123,16 +127,14 @@ class ScaledNetwork(nn.Module):
         return self.output_scaling.unscale(self.scaled(self.input_scaling.scale(inputs)))
 
     def predict(self, inputs: FloatArray) -> FloatArray:
-        """The same for NumPy arrays."""
+        """:meth:`forward` for NumPy arrays."""
         with torch.no_grad():
             answer: FloatArray = self(torch.from_numpy(inputs)).numpy()
         return answer
 
 
 class InverseKinematicsNetwork(nn.Module):
-    """Poses in, joint positions out: the encoding, and the network behind it.
-
-    This whole module is what the model file holds.
+    """Poses ``(n, 7)`` to joint positions ``(n, dof)``: the encoding, and the network behind it.
 
     Attributes:
         encoding: from poses to features.
@@ -150,71 +152,125 @@ class InverseKinematicsNetwork(nn.Module):
         return joint_positions
 
     def joint_positions(self, poses: FloatArray) -> FloatArray:
-        """The same for NumPy arrays."""
+        """:meth:`forward` for NumPy arrays."""
         with torch.no_grad():
             answer: FloatArray = self(torch.from_numpy(poses)).numpy()
         return answer
 
-
-class FusedNetwork(nn.Module):
-    """Poses ``(n, 7)`` in, joint positions ``(n, dof)`` out; float64.
-
-    The terms are the products of two linear functions of the pose each: x, y, z times one, and
-    the ten products of two components of the quaternion.
-
-    Args:
-        encoding: of the network.
-        network: the network behind it.
-    """
-
-    first_factor: Tensor
-    second_factor: Tensor
-    second_offset: Tensor
-
-    def __init__(self, encoding: PositionRotationMatrix, network: ScaledNetwork) -> None:
-        super().__init__()
-        for name, value in zip(
-            ("first_factor", "second_factor", "second_offset"), encoding.factors, strict=True
-        ):
-            self.register_buffer(name, value)
-        with torch.no_grad():
-            scaling = network.input_scaling
-            # (terms, features), and what the features are shifted by, in scaled units.
-            scale = encoding.terms_to_features / scaling.half_width
-            shift = -scaling.centre / scaling.half_width
-            first, *others = network.hidden.layers
-            assert isinstance(first, nn.Linear)
-            self.first = _linear(first.weight @ scale.T, first.bias + first.weight @ shift)
-            self.others = nn.ModuleList(others)
-            unscale = network.output_scaling.half_width[:, None]
-            self.output = _linear(
+    @torch.no_grad()
+    def fused(self) -> FusedNetwork:
+        """An equal network of fewer operators; its weights are new tensors."""
+        network = self.network
+        scaling = network.input_scaling
+        # (terms, features), and the shift of the features, in scaled units.
+        scale = self.encoding.terms_to_features / scaling.half_width
+        shift = -scaling.centre / scaling.half_width
+        first, *others = network.hidden.layers
+        assert isinstance(first, nn.Linear)
+        unscale = network.output_scaling.half_width[:, None]
+        linear_path = None
+        if network.linear_path is not None:
+            path = unscale * network.linear_path.weight
+            linear_path = linear_layer(path @ scale.T, path @ shift)
+        return FusedNetwork(
+            self.encoding,
+            [linear_layer(first.weight @ scale.T, first.bias + first.weight @ shift), *others],
+            linear_layer(
                 unscale * network.output.weight,
                 unscale[:, 0] * network.output.bias + network.output_scaling.centre,
-            )
-            self.linear_path = None
-            if network.linear_path is not None:
-                path = unscale * network.linear_path.weight
-                self.linear_path = _linear(path @ scale.T, path @ shift)
+            ),
+            linear_path,
+        )
 
-    def forward(self, pose: Tensor) -> Tensor:
-        """Joint positions ``(n, dof)`` [rad or m] for poses ``(n, 7)``."""
-        terms = (pose @ self.first_factor) * (pose @ self.second_factor + self.second_offset)
-        activations = torch.tanh(self.first(terms))
-        for layer in self.others:
+    def as_onnx(self) -> onnx.ModelProto:
+        """The graph of a model file, see :meth:`FusedNetwork.as_onnx`."""
+        return self.fused().as_onnx()
+
+
+class FusedNetwork(nn.Module):
+    """Poses ``(n, 7)`` to joint positions ``(n, dof)``: the network of a model file; float64.
+
+    Args:
+        encoding: its terms are the features of the file.
+        hidden: layers from the terms on, each followed by tanh.
+        output: linear layer from the last of them to the joint positions.
+        linear_path: linear layer from the terms to the joint positions, or None.
+    """
+
+    def __init__(
+        self,
+        encoding: PoseEncoding,
+        hidden: Iterable[nn.Module],
+        output: nn.Linear,
+        linear_path: nn.Linear | None,
+    ) -> None:
+        super().__init__()
+        self.encoding = encoding
+        self.hidden = nn.ModuleList(hidden)
+        self.output = output
+        self.linear_path = linear_path
+
+    def forward(self, pose: Tensor) -> tuple[Tensor, Tensor]:
+        """Joint positions ``(n, dof)`` [rad or m] and features ``(n, t)`` for ``(n, 7)``."""
+        features = self.encoding.terms(pose)
+        activations = features
+        for layer in self.hidden:
             activations = torch.tanh(layer(activations))
         answer: Tensor = self.output(activations)
-        return answer if self.linear_path is None else answer + self.linear_path(terms)
+        if self.linear_path is not None:
+            answer = answer + self.linear_path(features)
+        return answer, features
+
+    def as_onnx(self) -> onnx.ModelProto:
+        """The ONNX graph: input ``pose``, output ``joint_positions``, a tensor ``features``."""
+        example = torch.tensor([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 2, dtype=torch.float64)
+        with warnings.catch_warnings(), _quiet_exporter():
+            # The exporter warns of its own deprecations.
+            warnings.simplefilter("ignore")
+            program = torch.onnx.export(
+                self.eval(),
+                (example,),
+                input_names=[INPUT_NAME],
+                output_names=[OUTPUT_NAME, FEATURES_NAME],
+                dynamic_shapes=({0: torch.export.Dim("n")},),
+                opset_version=OPSET,
+                dynamo=True,
+                external_data=False,
+                verbose=False,
+            )
+        assert program is not None
+        model: onnx.ModelProto = program.model_proto
+        # Exported as an output for its name; a model file has one output.
+        model.graph.value_info.append(model.graph.output.pop())
+        _remove_traces(model)
+        return model
 
 
-def for_export(network: InverseKinematicsNetwork) -> nn.Module:
-    """The module to export: fused, where the encoding is linear in products of the pose."""
-    if isinstance(network.encoding, PositionRotationMatrix):
-        return FusedNetwork(network.encoding, network.network)
-    return network
-
-
-def _linear(weight: Tensor, bias: Tensor) -> nn.Linear:
+def linear_layer(weight: Tensor, bias: Tensor) -> nn.Linear:
+    """A layer with copies of a weight ``(m, n)`` and a bias ``(m,)``."""
     layer = nn.Linear(weight.shape[1], weight.shape[0], dtype=torch.float64)
-    layer.weight.copy_(weight)
-    layer.bias.copy_(bias)
+    with torch.no_grad():
+        layer.weight.copy_(weight)
+        layer.bias.copy_(bias)
     return layer
+
+
+def _remove_traces(model: onnx.ModelProto) -> None:
+    """Remove the exporter's source paths and stack frames."""
+    graph = model.graph
+    for traced in (model, graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
+        del traced.metadata_props[:]
+    for node in graph.node:
+        node.doc_string = ""
+
+
+@contextmanager
+def _quiet_exporter() -> Iterator[None]:
+    """Keep the exporter from warning that torchvision, which annik does not use, is missing."""
+    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

@@ -16,12 +16,17 @@ from annik_core.dataset import Dataset
 from annik_core.errors import NotWritable
 from annik_core.model.artifact import default_model_path, load_model
 from annik_core.robots.robot import Robot
-from annik_training import export as export_onnx
 from annik_training.designs.sampling import compute_dataset, compute_random_dataset
 from annik_training.evaluation import evaluate
-from annik_training.export import ExportMismatch
+from annik_training.export import (
+    EXPORT_TOLERANCE,
+    ExportMismatch,
+    export_model,
+    prove_export,
+)
 from annik_training.fitting.fit import FittedNetwork, fit
 from annik_training.fitting.options import FitOptions
+from annik_training.networks.network import InverseKinematicsNetwork
 from annik_training.train import evaluation_dataset, train
 
 OPTIONS = FitOptions(restarts=1, max_evaluations=10, seed=3)
@@ -45,7 +50,7 @@ def exported(
     evaluation = evaluate(
         fitted.network.joint_positions, evaluation_dataset(dataset.robot, OPTIONS.seed)
     )
-    export_onnx.export_model(fitted, evaluation, path)
+    export_model(fitted, evaluation, path)
     return path
 
 
@@ -108,36 +113,34 @@ def test_a_graph_that_computes_something_else_is_not_written(
     fitted: FittedNetwork, exported: Path
 ) -> None:
     """The check that stands between a bug of the exporter and a robot."""
-    content = exported.read_bytes()
     poses = fitted.dataset.poses
-    bias = fitted.network.network.output.bias
-    with torch.no_grad():
-        bias += 1e-7
-    try:
-        with pytest.raises(ExportMismatch, match="nothing was written"):
-            export_onnx.prove_export(fitted.network, content, poses, exported)
-    finally:
-        with torch.no_grad():
-            bias -= 1e-7
+    expected = fitted.network.joint_positions(poses)
+    prove_export(exported.read_bytes(), poses, expected, EXPORT_TOLERANCE, exported)
+    for wrong in (expected + 1e-7, np.full_like(expected, np.nan)):
+        with pytest.raises(ExportMismatch) as caught:
+            prove_export(exported.read_bytes(), poses, wrong, EXPORT_TOLERANCE, exported)
+        assert caught.value.path == exported
+        assert caught.value.tolerance == EXPORT_TOLERANCE
+        assert not caught.value.difference < 0.99e-7
 
 
 def test_export_proves_the_file_before_it_writes(
     fitted: FittedNetwork, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """An exporter that gets one bias wrong leaves no file."""
-    right = export_onnx.to_onnx(fitted.network)
+    right = fitted.network.as_onnx()
 
     def wrong(network: object) -> onnx.ModelProto:
-        bias = next(t for t in right.graph.initializer if t.name == "network.output.bias")
+        bias = next(t for t in right.graph.initializer if t.name == "output.bias")
         array = onnx.numpy_helper.to_array(bias) + 1e-7
         bias.CopyFrom(onnx.numpy_helper.from_array(array, bias.name))
         return right
 
-    monkeypatch.setattr(export_onnx, "to_onnx", wrong)
+    monkeypatch.setattr(InverseKinematicsNetwork, "as_onnx", wrong)
     unseen = evaluation_dataset(fitted.dataset.robot, 0)
     evaluation = evaluate(fitted.network.joint_positions, unseen)
     with pytest.raises(ExportMismatch):
-        export_onnx.export_model(fitted, evaluation, tmp_path / "model.onnx")
+        export_model(fitted, evaluation, tmp_path / "model.onnx")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -160,7 +163,7 @@ def test_a_linear_path_is_exported(gantry: Robot, dataset: Dataset, tmp_path: Pa
         fitted.network.network.output.weight.fill_(0.01)
     unseen = evaluation_dataset(gantry, 0)
     path = tmp_path / "model.onnx"
-    export_onnx.export_model(fitted, evaluate(fitted.network.joint_positions, unseen), path)
+    export_model(fitted, evaluate(fitted.network.joint_positions, unseen), path)
     artifact = load_model(path)
     answer = artifact.joint_positions(unseen.poses)
     assert answer == pytest.approx(fitted.network.joint_positions(unseen.poses), abs=1e-9, rel=0)
@@ -170,9 +173,10 @@ def test_a_linear_path_is_exported(gantry: Robot, dataset: Dataset, tmp_path: Pa
 
 
 def test_a_place_that_can_not_be_written(dataset: Dataset, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(NotWritable):
+    (tmp_path / "file").write_text("exists")
+    with pytest.raises(NotWritable) as caught:
         train(dataset, tmp_path / "file" / "model.onnx", OPTIONS)
+    assert caught.value.path == tmp_path / "file"
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +15,7 @@ from support.six_joint_arm import BASE, BOX, FLANGE, URDF
 
 from annik_core.errors import MissingDependency, RobotMismatch
 from annik_core.model.artifact import load_model, model_path, packaged_models
-from annik_core.model.errors import ArtifactNotFound, InvalidMetadata
+from annik_core.model.errors import InvalidMetadata, ModelNotFound
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.safety import IkStatus
@@ -69,8 +68,9 @@ def test_what_is_barely_trained_answers_exactly(arm_model: Path, known: Robot) -
 
 def test_another_box_is_another_robot(arm_model: Path) -> None:
     other = load_robot(URDF, base_frame=BASE, end_effector_frame=FLANGE)
-    with pytest.raises(RobotMismatch, match="bench_arm"):
+    with pytest.raises(RobotMismatch) as caught:
         load_model(arm_model, expected_robot=other)
+    assert caught.value.found.startswith("bench_arm ")
 
 
 def _longer(definition: dict[str, Any]) -> dict[str, Any]:
@@ -101,7 +101,7 @@ def _with_urdf(change: Callable[[str], str]) -> Callable[[dict[str, Any]], dict[
             "is not an entry of an arm",
         ),
         (lambda definition: {**definition, "end_effector_frame": "palm"}, "is not a link"),
-        (lambda definition: {**definition, "kind": "gantry"}, "'robot'"),
+        (lambda definition: {**definition, "kind": "gantry"}, "robot"),
     ],
 )
 def test_a_tampered_robot_is_refused(
@@ -110,9 +110,10 @@ def test_a_tampered_robot_is_refused(
     """By the hash, or before that where it is no arm any more."""
     path = altered(arm_model, tmp_path / "tampered.onnx", robot=change)
     assert path.read_bytes() != arm_model.read_bytes()
-    with pytest.raises(InvalidMetadata, match=problem) as caught:
+    with pytest.raises(InvalidMetadata) as caught:
         load_model(path)
-    assert str(path) in str(caught.value)
+    assert caught.value.path == path
+    assert problem == caught.value.key or problem in caught.value.problem
 
 
 def test_a_tampered_robot_with_its_own_hash_is_another_robot(
@@ -139,9 +140,10 @@ def test_without_pinocchio_the_file_is_not_called_damaged(
 ) -> None:
     """The library is named with what installs it; the gantry's model needs none."""
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with pytest.raises(MissingDependency, match="needs pinocchio: pip install pin") as caught:
+    with pytest.raises(MissingDependency) as caught:
         load_model(arm_model)
-    assert "damaged" not in str(caught.value)
+    assert caught.value.library == "pinocchio"
+    assert "pip install pin" in str(caught.value)
     assert load_model("gantry").robot.name == "gantry"
 
 
@@ -149,8 +151,10 @@ def test_another_project_of_pinocchios_name_is_told_apart(
     arm_model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", type(sys)("pinocchio"))
-    with pytest.raises(MissingDependency, match="is another project"):
+    with pytest.raises(MissingDependency) as caught:
         load_model(arm_model)
+    assert caught.value.library == "pinocchio"
+    assert "another project" in str(caught.value)
 
 
 def test_a_packaged_model_is_known_by_its_name_and_all_else_is_a_path(
@@ -165,5 +169,6 @@ def test_a_packaged_model_is_known_by_its_name_and_all_else_is_a_path(
         assert load_model(name).robot.name == name
     assert model_path("octopus") == Path("octopus")
     assert model_path("./gantry") == Path("gantry")
-    with pytest.raises(ArtifactNotFound, match=re.escape("octopus")):
+    with pytest.raises(ModelNotFound) as caught:
         load_model("octopus")
+    assert caught.value.path == Path("octopus")

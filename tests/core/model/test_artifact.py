@@ -1,4 +1,4 @@
-"""A model file that is not whole and unaltered is refused, each by its own error. ROS-free."""
+"""A model file that is truncated, altered or hostile is refused by a typed error. ROS-free."""
 
 from __future__ import annotations
 
@@ -48,8 +48,11 @@ def with_entry(path: Path, key: str, value: object) -> Path:
     return altered(path, change)
 
 
+WEIGHT = "hidden.0.weight"
+
+
 def weight(model: onnx.ModelProto) -> TensorProto:
-    return next(t for t in model.graph.initializer if len(t.dims) == 2 and 20 in t.dims)
+    return next(t for t in model.graph.initializer if t.name == WEIGHT)
 
 
 def test_the_packaged_model_loads(gantry: Robot) -> None:
@@ -60,21 +63,25 @@ def test_the_packaged_model_loads(gantry: Robot) -> None:
 
 
 def test_no_file(tmp_path: Path) -> None:
-    with pytest.raises(errors.ArtifactNotFound, match=r"none\.onnx"):
+    with pytest.raises(errors.ModelNotFound) as caught:
         load_model(tmp_path / "none.onnx")
+    assert caught.value.path == tmp_path / "none.onnx"
+    assert str(caught.value.path) in str(caught.value)
 
 
 def test_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(errors.ArtifactNotReadable, match="can't be read"):
+    with pytest.raises(errors.UnreadableModel) as caught:
         load_model(tmp_path)
+    assert caught.value.path == tmp_path
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 a zip", b"pose: 1\n", os.urandom(5000)])
 def test_not_onnx(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "model.onnx"
     path.write_bytes(content)
-    with pytest.raises(errors.ArtifactNotReadable, match="not an ONNX file"):
+    with pytest.raises(errors.UnreadableModel) as caught:
         load_model(path)
+    assert caught.value.path == path
 
 
 @given(st.integers(0, len(PACKAGED) - 1))
@@ -82,8 +89,9 @@ def test_truncated_anywhere(tmp_path_factory: pytest.TempPathFactory, length: in
     """Whatever is left, it is a typed error that names the file."""
     path = tmp_path_factory.mktemp("cut") / "model.onnx"
     path.write_bytes(PACKAGED[:length])
-    with pytest.raises(errors.ArtifactError, match=r"model\.onnx"):
+    with pytest.raises(errors.ModelError) as caught:
         load_model(path)
+    assert caught.value.path == path
 
 
 @given(st.integers(0, len(PACKAGED) - 1), st.integers(1, 255))
@@ -97,16 +105,18 @@ def test_a_changed_byte_never_crashes(
     path.write_bytes(bytes(content))
     try:
         load_model(path)
-    except errors.ArtifactError as error:
-        assert "model.onnx" in str(error)
+    except errors.ModelError as error:
+        assert error.path == path
 
 
 def test_too_large(tmp_path: Path) -> None:
     path = tmp_path / "model.onnx"
     with path.open("wb") as file:
         file.truncate(MAX_FILE_SIZE + 1)
-    with pytest.raises(errors.ArtifactTooLarge, match="at most"):
+    with pytest.raises(errors.UnreadableModel) as caught:
         load_model(path)
+    assert str(MAX_FILE_SIZE) in caught.value.problem
+    assert str(MAX_FILE_SIZE + 1) in caught.value.problem
 
 
 def test_weights_outside_the_file(tmp_path: Path) -> None:
@@ -115,8 +125,9 @@ def test_weights_outside_the_file(tmp_path: Path) -> None:
         tensor.data_location = TensorProto.EXTERNAL
         tensor.external_data.add(key="location", value="weights.bin")
 
-    with pytest.raises(errors.ArtifactHasExternalData, match="outside the file"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == WEIGHT
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -127,13 +138,12 @@ def test_a_weight_that_is_not_finite(tmp_path: Path, value: float) -> None:
         array.flat[3] = value
         tensor.CopyFrom(numpy_helper.from_array(array, tensor.name))
 
-    with pytest.raises(errors.NonFiniteWeights, match="not finite"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == WEIGHT
 
 
-@pytest.mark.parametrize(
-    "name", ["network.hidden.layers.0.bias", "network.output.weight", "network.output.bias"]
-)
+@pytest.mark.parametrize("name", ["hidden.0.bias", "output.weight", "output.bias"])
 def test_an_altered_weight(tmp_path: Path, name: str) -> None:
     """The stored reference answers tell, if the weight has any effect on an answer."""
 
@@ -142,8 +152,9 @@ def test_an_altered_weight(tmp_path: Path, name: str) -> None:
         array = numpy_helper.to_array(tensor) + 1e-6
         tensor.CopyFrom(numpy_helper.from_array(array, tensor.name))
 
-    with pytest.raises(errors.InvalidMetadata, match="weights were altered"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.key == "reference_joint_positions"
 
 
 KEYS = sorted(
@@ -157,8 +168,9 @@ def test_a_missing_entry_is_named(tmp_path: Path, key: str) -> None:
     def change(model: onnx.ModelProto) -> None:
         model.metadata_props.remove(entry(model, key))
 
-    with pytest.raises(errors.MissingMetadata, match=f"annik.{key}"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.key == key
 
 
 @pytest.mark.parametrize("key", [key for key in KEYS if key != "format_version"])
@@ -166,23 +178,75 @@ def test_an_entry_of_another_type_is_named(tmp_path: Path, key: str) -> None:
     """A number as text, a list as number: for every entry."""
     loaded = json.loads(entry(onnx.load_model_from_string(PACKAGED), key).value)
     value = 7 if isinstance(loaded, str) else "seven"
-    with pytest.raises(errors.InvalidMetadata, match=key):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(with_entry(tmp_path / "model.onnx", key, value))
+    assert caught.value.key == key
 
 
 def test_an_entry_that_is_not_json(tmp_path: Path) -> None:
     def change(model: onnx.ModelProto) -> None:
         entry(model, "robot").value = "{"
 
-    with pytest.raises(errors.InvalidMetadata, match="not JSON"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.key == "robot"
 
 
-@pytest.mark.parametrize("version", ["0", "2", 1, None])
+@pytest.mark.parametrize("version", ["0", "1", "3", 2, None])
 def test_another_format_version(tmp_path: Path, version: object) -> None:
+    """Format 1 is refused with the command that converts it, the others without."""
     path = with_entry(tmp_path / "model.onnx", "format_version", version)
-    with pytest.raises(errors.UnsupportedArtifactVersion, match="reads 1"):
+    with pytest.raises(errors.UnsupportedFormat) as caught:
         load_model(path)
+    error = caught.value
+    assert (error.found, error.supported) == (str(version), ("2",))
+    assert error.convertible == (version == "1")
+    assert (f"annik convert {path}" in str(error)) == error.convertible
+
+
+def test_features_are_an_entry_of_their_own(tmp_path: Path) -> None:
+    """The tensor in which the encoding ends; the output is computed from it alone."""
+    model = load_model(default_model_path())
+    assert model.metadata.features == "features"
+    graph = onnx.load_model_from_string(PACKAGED)
+    assert "features" in {name for node in graph.graph.node for name in node.output}
+
+
+@pytest.mark.parametrize(
+    "name", ["pose", "joint_positions", "nowhere", "", WEIGHT, "tanh", "a part of the encoding"]
+)
+def test_features_that_are_not_where_the_encoding_ends(tmp_path: Path, name: str) -> None:
+    if name == "a part of the encoding":
+        graph = onnx.load_model_from_string(PACKAGED).graph
+        name = next(node for node in graph.node if "features" in node.output).input[0]
+    with pytest.raises(errors.InvalidMetadata) as caught:
+        load_model(with_entry(tmp_path / "model.onnx", "features", name))
+    assert caught.value.key == "features"
+
+
+def test_features_of_another_encoding_than_the_metadata_say(tmp_path: Path) -> None:
+    """Right in the graph as a whole, not for angles that are computed elsewhere."""
+
+    def change(model: onnx.ModelProto) -> None:
+        node = next(node for node in model.graph.node if "features" in node.output)
+        node.output[0] = "radians"
+        two = numpy_helper.from_array(np.array([2.0]), "two")
+        half = numpy_helper.from_array(np.array([0.5]), "half")
+        model.graph.initializer.extend([two, half])
+        after = list(model.graph.node).index(node) + 1
+        for name, inputs, output in (
+            ("Mul", ["features", "half"], "halved"),
+            ("Mul", ["radians", "two"], "features"),
+        ):
+            model.graph.node.insert(after, helper.make_node(name, inputs, [output]))
+        for later in list(model.graph.node)[after + 2 :]:
+            for index, tensor in enumerate(later.input):
+                if tensor == "features":
+                    later.input[index] = "halved"
+
+    with pytest.raises(errors.InvalidMetadata) as caught:
+        load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.key == "features"
 
 
 @pytest.mark.parametrize(
@@ -200,14 +264,17 @@ def test_another_format_version(tmp_path: Path, version: object) -> None:
     ],
 )
 def test_metadata_that_contradicts_itself(tmp_path: Path, key: str, value: object) -> None:
-    with pytest.raises(errors.InvalidMetadata, match=key):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(with_entry(tmp_path / "model.onnx", key, value))
+    assert caught.value.key == key
 
 
 def test_a_robot_that_makes_no_sense(tmp_path: Path) -> None:
     path = with_entry(tmp_path / "model.onnx", "robot", {"kind": "octopus"})
-    with pytest.raises(errors.InvalidMetadata, match="octopus"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(path)
+    assert caught.value.key == "robot"
+    assert "octopus" in caught.value.problem
 
 
 @pytest.mark.parametrize("what", ["name", "type", "width"])
@@ -232,8 +299,9 @@ def test_another_signature(tmp_path: Path, what: str) -> None:
         )
         model.graph.CopyFrom(graph)
 
-    with pytest.raises(errors.ArtifactSignatureMismatch, match="input is"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == "input"
 
 
 @pytest.mark.parametrize(
@@ -266,8 +334,9 @@ def test_another_output(tmp_path: Path, name: str, kind: int, shape: list[Any]) 
         output = helper.make_tensor_value_info(name, kind, shape)
         model.graph.output[0].CopyFrom(output)
 
-    with pytest.raises(errors.ArtifactSignatureMismatch, match="output is"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == "output"
 
 
 @pytest.mark.parametrize("batch", [1, 8])
@@ -275,16 +344,18 @@ def test_an_input_for_one_number_of_poses_only(tmp_path: Path, batch: int) -> No
     def change(model: onnx.ModelProto) -> None:
         model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = batch
 
-    with pytest.raises(errors.ArtifactSignatureMismatch, match=f"{batch}, 7"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == "input"
 
 
 def test_a_graph_that_onnxruntime_refuses(tmp_path: Path) -> None:
     def change(model: onnx.ModelProto) -> None:
         model.graph.node[-1].input[0] = "nowhere"
 
-    with pytest.raises(errors.ArtifactNotReadable, match="onnxruntime"):
+    with pytest.raises(errors.UnreadableModel) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert "onnxruntime" in caught.value.problem
 
 
 def with_node(model: onnx.ModelProto, node: onnx.NodeProto) -> None:
@@ -324,8 +395,9 @@ SPARSE = helper.make_sparse_tensor(
 )
 def test_an_operator_that_no_model_uses(tmp_path: Path, node: onnx.NodeProto) -> None:
     path = altered(tmp_path / "model.onnx", lambda model: with_node(model, node))
-    with pytest.raises(errors.ArtifactNotReadable, match=rf"operator '.*{node.op_type}'"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(path)
+    assert caught.value.part == ".".join(filter(None, (node.domain, node.op_type)))
 
 
 @pytest.mark.parametrize(
@@ -346,8 +418,9 @@ def test_an_attribute_that_hides_weights(tmp_path: Path, attribute: onnx.Attribu
         changed.CopyFrom(attribute)
         changed.type = kind
         path = altered(tmp_path / "model.onnx", lambda model, node=node: with_node(model, node))
-        with pytest.raises(errors.ArtifactNotReadable, match="not numbers or text"):
+        with pytest.raises(errors.InvalidGraph) as caught:
             load_model(path)
+        assert caught.value.part == attribute.name
 
 
 @pytest.mark.parametrize(
@@ -356,8 +429,9 @@ def test_an_attribute_that_hides_weights(tmp_path: Path, attribute: onnx.Attribu
 def test_a_constant_that_is_not_finite(tmp_path: Path, constant: dict[str, Any]) -> None:
     node = helper.make_node("Constant", [], ["unused"], **constant)
     path = altered(tmp_path / "model.onnx", lambda model: with_node(model, node))
-    with pytest.raises(errors.NonFiniteWeights, match="not finite"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(path)
+    assert caught.value.part in ("hidden", *constant)
 
 
 def test_a_function_in_the_model(tmp_path: Path) -> None:
@@ -367,16 +441,18 @@ def test_a_function_in_the_model(tmp_path: Path) -> None:
             helper.make_function("mine", "F", ["x"], ["y"], body, model.opset_import)
         )
 
-    with pytest.raises(errors.ArtifactNotReadable, match="functions"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == "F"
 
 
 def test_a_sparse_weight(tmp_path: Path) -> None:
     path = altered(
         tmp_path / "model.onnx", lambda model: model.graph.sparse_initializer.append(SPARSE)
     )
-    with pytest.raises(errors.ArtifactNotReadable, match="sparse"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(path)
+    assert caught.value.part == "values"
 
 
 @pytest.mark.parametrize("kind", [999, TensorProto.FLOAT16, TensorProto.STRING])
@@ -384,8 +460,9 @@ def test_a_tensor_of_a_type_that_no_model_uses(tmp_path: Path, kind: int) -> Non
     def change(model: onnx.ModelProto) -> None:
         weight(model).data_type = kind
 
-    with pytest.raises(errors.ArtifactNotReadable, match=f"of type {kind}"):
+    with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == WEIGHT
 
 
 def test_an_entry_that_is_there_twice(tmp_path: Path) -> None:
@@ -394,8 +471,9 @@ def test_an_entry_that_is_there_twice(tmp_path: Path) -> None:
     def change(model: onnx.ModelProto) -> None:
         model.metadata_props.add(key="annik.seed", value="1")
 
-    with pytest.raises(errors.InvalidMetadata, match=r"annik\.seed.*more than once"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.key == "seed"
 
 
 @pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999", "9" * 400])
@@ -408,13 +486,15 @@ def test_a_number_in_the_metadata_that_is_not_finite(
     def change(model: onnx.ModelProto) -> None:
         entry(model, key).value = f'{{"deep": [{number}]}}'
 
-    with pytest.raises(errors.InvalidMetadata, match=f"{key}.*not a finite number"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.key == key
+    assert number[:20] in caught.value.problem
 
 
 def test_metadata_that_is_not_finite_is_not_written() -> None:
     metadata = load_model(default_model_path()).metadata
-    with pytest.raises(ValueError, match="JSON"):
+    with pytest.raises(ValueError):
         replace(metadata, evaluation={"examples": np.nan}).to_properties()
 
 
@@ -422,19 +502,21 @@ def test_metadata_that_is_not_finite_is_not_written() -> None:
 def test_a_number_of_the_metadata_of_another_type(tmp_path: Path, number: object) -> None:
     rows = json.loads(entry(onnx.load_model_from_string(PACKAGED), "reference_poses").value)
     rows[0][0] = number
-    with pytest.raises(errors.InvalidMetadata, match=r"reference_poses.*not numbers"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(with_entry(tmp_path / "model.onnx", "reference_poses", rows))
+    assert caught.value.key == "reference_poses"
 
 
 @pytest.mark.parametrize("change", [{"kind": []}, {"kind": {}}, {"name": 7}, {"joints": [[]]}])
 def test_a_malformed_robot(tmp_path: Path, gantry: Robot, change: dict[str, Any]) -> None:
     path = with_entry(tmp_path / "model.onnx", "robot", {**gantry.definition, **change})
-    with pytest.raises(errors.InvalidMetadata, match="'robot'"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(path)
+    assert caught.value.key == "robot"
 
 
 def test_a_path_that_can_not_be(tmp_path: Path) -> None:
-    with pytest.raises(errors.ArtifactNotFound):
+    with pytest.raises(errors.ModelNotFound):
         load_model(f"{tmp_path}/model\0.onnx")
 
 
@@ -445,8 +527,11 @@ def test_whatever_the_checks_did_not_foresee(monkeypatch: pytest.MonkeyPatch) ->
         raise AttributeError("a library's bug\non two lines")
 
     monkeypatch.setattr(artifact_module, "_robot", surprise)
-    with pytest.raises(errors.ArtifactNotReadable, match=r"gantry\.onnx.*a library's bug\)"):
+    with pytest.raises(errors.UnreadableModel) as caught:
         load_model(default_model_path())
+    assert caught.value.path == default_model_path()
+    assert "a library's bug" in caught.value.problem
+    assert "\n" not in str(caught.value)
 
 
 class FakeSession:
@@ -479,9 +564,10 @@ def test_a_network_that_fails_while_it_serves(alone: Callable[[Any], Any]) -> No
     """The target is refused and counted; the service goes on."""
     artifact = load_model(default_model_path())
     pose = np.array(artifact.metadata.reference_poses[0])
-    failing = replace(artifact, session=FakeSession(artifact.session, alone), from_features=None)
-    with pytest.raises(errors.NetworkFailed, match=r"gantry\.onnx: the network fails"):
+    failing = replace(artifact, session=FakeSession(artifact.session, alone), after_features=None)
+    with pytest.raises(errors.NetworkFailed) as caught:
         failing.joint_positions(pose[np.newaxis])
+    assert caught.value.path == default_model_path()
     result = IkServer(IkSolver(failing)).solve(pose)
     assert result.status is IkStatus.SOLVER_FAILED
     assert "\n" not in result.reason
@@ -495,7 +581,7 @@ def test_a_network_that_answers_batches_only(
     monkeypatch.setattr(
         artifact_module, "make_session", lambda *given: FakeSession(original(*given), alone)
     )
-    with pytest.raises(errors.NetworkFailed, match="the network fails"):
+    with pytest.raises(errors.NetworkFailed):
         load_model(default_model_path())
 
 
@@ -506,20 +592,24 @@ def test_a_network_that_answers_differently_alone(monkeypatch: pytest.MonkeyPatc
         "make_session",
         lambda *given: FakeSession(original(*given), lambda answer: answer + 1e-8),
     )
-    with pytest.raises(errors.InvalidMetadata, match=r"answers .* differently"):
+    with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(default_model_path())
+    assert caught.value.key == "reference_joint_positions"
 
 
 def test_another_robot_of_the_same_name(gantry: Robot) -> None:
     """The definition decides, not the name; the hashes tell which is which."""
     other = robot_from_definition({**gantry.definition, "base_frame": "world"}, "test")
-    hashes = rf"{gantry.definition_hash[:12]}.*{other.definition_hash[:12]}"
-    with pytest.raises(RobotMismatch, match=rf"robot gantry .*{hashes}"):
+    with pytest.raises(RobotMismatch) as caught:
         load_model(default_model_path(), other)
+    for found, robot in ((caught.value.found, gantry), (caught.value.expected, other)):
+        assert robot.definition_hash[:12] in found
 
 
 def test_the_model_of_another_robot(gantry: Robot) -> None:
     """Both robots are named."""
     other = robot_from_definition({**gantry.definition, "name": "portal"}, "test")
-    with pytest.raises(RobotMismatch, match=r"belongs to robot gantry .*, not to portal"):
+    with pytest.raises(RobotMismatch) as caught:
         load_model(default_model_path(), other)
+    assert caught.value.found.startswith("gantry ")
+    assert caught.value.expected.startswith("portal ")

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from annik_core.model.artifact import OPERATORS, make_session
+from annik_core.model.graph import OPERATORS
+from annik_core.model.session import make_session
 from annik_core.pose import pose_from_roll_pitch_yaw
-from annik_training.export import to_onnx
 from annik_training.networks.encoding import (
     PositionRollPitchYaw,
     PositionRotationMatrix,
@@ -140,7 +140,7 @@ def test_the_exported_rotation_matrix_is_the_same_and_its_graph_is_one_that_node
         for parameter in network.output.parameters():
             parameter.zero_()
         network.linear_path.weight.copy_(torch.eye(encoding.features))
-    model = to_onnx(InverseKinematicsNetwork(encoding, network))
+    model = InverseKinematicsNetwork(encoding, network).as_onnx()
     assert {node.op_type for node in model.graph.node} <= OPERATORS
     session = make_session(model.SerializeToString(), Path("encoding.onnx"))
     poses = np.concatenate([random_poses(200), EDGES])
