@@ -56,6 +56,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "designs",
         "evaluation",
         "export",
+        "convert",
         "train",
         "cli",
     ),

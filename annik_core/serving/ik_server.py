@@ -142,7 +142,7 @@ class IkServer:
 
         Raises:
             RobotMismatch: if it is for another robot.
-            ArtifactError: if it can't be used.
+            ModelError: if it can't be used.
         """
         from annik_core.model.artifact import load_model
 

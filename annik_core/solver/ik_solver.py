@@ -84,7 +84,7 @@ class IkSolver:
         """The solver for a packaged model, by its name, or for a model file.
 
         Raises:
-            ArtifactError: if the file can't be used; see :mod:`annik_core.model.errors`.
+            ModelError: if the file can't be used; see :mod:`annik_core.model.errors`.
         """
         # Not above: a node joins the others before it loads what reads model files.
         from annik_core.model.artifact import load_model

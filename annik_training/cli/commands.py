@@ -448,6 +448,20 @@ def info(model: Path) -> None:
 
 
 @cli.command()
+@click.argument("model", type=_FILE)
+@click.option("--out", type=_FILE, required=True, help="The model file to write (.onnx).")
+def convert(model: Path, out: Path) -> None:
+    """Convert a model file of an older format: same weights, same joint positions.
+
+    MODEL is a model file of format 1. Nothing is trained.
+    """
+    from annik_training.convert import convert_model
+
+    metadata = convert_model(model, out)
+    Console().print(f"wrote {escape(str(out))} (format {metadata.format_version})")
+
+
+@cli.command()
 @click.argument("bag", type=_PATH)
 @click.option("--out", type=_PATH, help="Folder for the report; default: report/ in the bag.")
 @click.option("--namespace", help="Namespace of the robot, if the bag holds several.")

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from click.testing import CliRunner
 from onnx import numpy_helper
 
 from annik_core.errors import NotWritable
 from annik_core.model.artifact import default_model_path, load_model
 from annik_core.model.errors import InvalidMetadata, ModelNotFound, UnsupportedFormat
 from annik_core.model.session import make_session
+from annik_training.cli.commands import cli
 from annik_training.convert import NotConvertible, convert_model
 from annik_training.designs.sampling import compute_random_dataset
 
@@ -103,3 +105,13 @@ def test_a_file_that_is_not_there_or_a_place_that_can_not_be_written(tmp_path: P
     (tmp_path / "file").write_text("exists", encoding="utf-8")
     with pytest.raises(NotWritable):
         convert_model(FOLDER / "scara.onnx", tmp_path / "file" / "new.onnx")
+
+
+def test_the_command_that_the_refusal_names(tmp_path: Path) -> None:
+    new = tmp_path / "new.onnx"
+    result = CliRunner().invoke(
+        cli, ["convert", str(FOLDER / "scara.onnx"), "--out", str(new)], catch_exceptions=False
+    )
+    assert result.exit_code == 0
+    assert str(new) in "".join(result.output.split())
+    assert load_model(new).robot.name == "scara"

@@ -13,7 +13,7 @@ import pytest
 
 from annik_core.errors import AnnikError
 from annik_core.model.artifact import default_model_path
-from annik_core.model.errors import ArtifactError
+from annik_core.model.errors import ModelError
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import AcceptanceLimits, IkStatus
 from annik_core.serving.ik_server import IkServer
@@ -108,7 +108,7 @@ def test_a_model_that_is_refused_changes_nothing(server: IkServer, tmp_path: Pat
     spoiled = tmp_path / "model.onnx"
     spoiled.write_bytes(default_model_path().read_bytes()[:1000])
     for path in (spoiled, tmp_path / "missing.onnx"):
-        with pytest.raises(ArtifactError):
+        with pytest.raises(ModelError):
             server.load_model(path)
     assert server.solver is before
 
