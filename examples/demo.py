@@ -57,7 +57,7 @@ def run_demo(folder: Path, console: Console) -> str:
     console.print("reporting")
     report = write_report(bag, folder)
     print_report(report, console)
-    results = {**report.results(), "training": training}
+    results = {**report.to_dict(), "training": training}
     text = json.dumps(results, indent=2) + "\n"
     write_files_atomically(folder, {"results.json": text.encode()})
     return f"report: {folder / 'report.html'}   bag: {bag}"

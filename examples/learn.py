@@ -113,7 +113,7 @@ def run_learn(folder: Path, examples: int, console: Console) -> str:
         name: _drive(name, parameters, robot, targets, folder, logs, console)
         for name, parameters in (("nominal", ROBOT), ("learned", str(model)))
     }
-    results = {name: report.results() for name, report in reports.items()}
+    results = {name: report.to_dict() for name, report in reports.items()}
     text = json.dumps({"fit": fit, **results}, indent=2) + "\n"
     figure = folder / "before_and_after.png"
     write_files_atomically(

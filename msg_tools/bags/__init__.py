@@ -1,1 +1,1 @@
-"""Bags: reading, and writing so that a killed recorder loses nothing."""
+"""Bags: reading, and writing that survives a killed recorder."""

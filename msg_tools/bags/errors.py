@@ -7,8 +7,13 @@ from pathlib import Path
 from annik_core.errors import AnnikError
 
 
-class BagError(AnnikError):
-    """A bag can't be read or written."""
+class BagNotReadable(AnnikError):
+    """The bag is damaged beyond use, or not a bag.
+
+    Attributes:
+        path: the bag, or the file of it.
+        problem: what is wrong.
+    """
 
     def __init__(self, path: Path, problem: str) -> None:
         self.path = path
@@ -16,12 +21,8 @@ class BagError(AnnikError):
         super().__init__(f"bag {path}: {problem}")
 
 
-class BagNotFound(BagError):
+class BagNotFound(BagNotReadable):
     """There is no such bag."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "no such file or folder")
-
-
-class BagNotReadable(BagError):
-    """The bag is damaged beyond use, or not a bag."""

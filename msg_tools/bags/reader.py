@@ -1,4 +1,4 @@
-"""Reading a bag without ROS: MCAP or SQLite3, closed, cut or left by a killed recorder."""
+"""Read a bag without ROS: MCAP or SQLite3, closed, cut or left by a killed recorder."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _STORAGE_SUFFIXES: Final = (".mcap", ".db3")
 
 
 class BagRecord(NamedTuple):
-    """A message of a bag.
+    """A decoded message of a bag.
 
     Attributes:
         topic: absolute topic name.
         type: such as ``geometry_msgs/msg/Pose``.
-        log_time_ns: when it was received [ns since the epoch].
-        publish_time_ns: when it was sent [ns since the epoch]; equals the receive time in a bag
-            that does not keep it, see :attr:`Bag.has_publish_times`.
-        message: the decoded message, with the fields of its ROS type as attributes.
+        log_time_ns: receive time [ns since the epoch].
+        publish_time_ns: send time [ns since the epoch]; the receive time if the bag has none,
+            see :attr:`Bag.has_publish_times`.
+        message: has the fields of its ROS type as attributes.
     """
 
     topic: str
@@ -44,13 +44,7 @@ class BagRecord(NamedTuple):
 
 
 class BagTopic(NamedTuple):
-    """A topic of a bag.
-
-    Attributes:
-        name: absolute topic name.
-        type: such as ``geometry_msgs/msg/Pose``.
-        message_count: readable messages.
-    """
+    """A topic of a bag: absolute name, message type, number of readable messages."""
 
     name: str
     type: str
@@ -59,15 +53,14 @@ class BagTopic(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag that was read through once; :meth:`records` reads it again and decodes.
+    """Summary of a bag; :meth:`records` reads its messages.
 
     Attributes:
         path: as given.
-        topics: those with at least one readable message, by name.
+        topics: topics with at least one readable message, by name.
         complete: whether everything that was recorded could be read.
         damage: what was lost, one sentence per fault; empty if complete.
-        has_publish_times: whether the bag tells when messages were sent, not only when they were
-            received.
+        has_publish_times: whether the bag has the times at which messages were sent.
     """
 
     path: Path
@@ -97,7 +90,7 @@ class Bag:
             types = _types_for(raw, extra, self.path)
             try:
                 message = types.deserialize_cdr(raw.data, raw.type)
-            # Damaged CDR fails in as many ways as there are field types.
+            # Each field type fails in its own way on damaged CDR.
             except Exception as error:
                 raise BagNotReadable(
                     self.path, f"a message of {raw.topic} is not a valid {raw.type} ({error})"
@@ -106,7 +99,7 @@ class Bag:
 
 
 def read_bag(path: Path) -> Bag:
-    """Read a bag through, counting its messages and finding its damage.
+    """Read a whole bag once, count its messages and find its damage.
 
     Args:
         path: folder of a bag (MCAP or SQLite3, one file or several), or one ``.mcap`` or ``.db3``.
@@ -133,7 +126,7 @@ def read_bag(path: Path) -> Bag:
 
 
 def _raw_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
-    """Undecoded messages of all files of a bag; notes in ``damage`` what could not be read."""
+    """Undecoded messages of all files of a bag; appends to ``damage`` what could not be read."""
     if path.is_file() and path.suffix in _STORAGE_SUFFIXES:
         files = [path]
     elif path.is_dir():
@@ -160,7 +153,7 @@ def _raw_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
 
 def _rosbags_messages(path: Path) -> Iterator[RawMessage]:
     with ExitStack() as stack:
-        # The reader lets through whatever its database, YAML and decompression libraries raise.
+        # The reader passes on any error of its database, YAML and decompression libraries.
         try:
             reader = stack.enter_context(Reader(path))
             messages = reader.messages()
@@ -195,7 +188,7 @@ def _bag_information(directory: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load((directory / METADATA_FILE).read_text())
         information = content["rosbag2_bagfile_information"]
-    # YAML lets through what its values raise: a date that is none, a number too long.
+    # YAML passes on the errors of its values: an invalid date, a number too long.
     except Exception:
         return {}
     return information if isinstance(information, dict) else {}
@@ -213,10 +206,10 @@ def _storage_files(directory: Path, information: dict[str, Any], damage: list[st
     else:
         # Old versions of rosbag2 wrote the folder's name before the file's.
         names = [Path(str(name)).name for name in listed]
-        # Compared as texts: what is listed need not be a name that a file can have.
-        there = {file.name for file in directory.iterdir() if file.is_file()}
-        damage += [f"{name}: is missing" for name in names if name not in there]
-        files = [directory / name for name in names if name in there]
+        # Compared as text: a listed name need not be a valid file name.
+        existing = {file.name for file in directory.iterdir() if file.is_file()}
+        damage += [f"{name}: is missing" for name in names if name not in existing]
+        files = [directory / name for name in names if name in existing]
         files += [file for file in found if file.name not in names]
     if not files:
         raise BagNotReadable(directory, "no .mcap or .db3 file in the folder")
@@ -230,7 +223,7 @@ def _natural_order(path: Path) -> list[tuple[int, str]]:
 
 
 def _types_for(raw: RawMessage, extra: Typestore, path: Path) -> Typestore:
-    """The store that knows the message's type; what Jazzy has not is learned from the bag."""
+    """The store of the message's type; types beyond those of Jazzy are read from the bag."""
     if is_known_type(raw.type):
         return jazzy_types()
     if raw.type not in extra.fielddefs:
@@ -239,7 +232,7 @@ def _types_for(raw: RawMessage, extra: Typestore, path: Path) -> Typestore:
                 extra.register(get_types_from_idl(raw.definition))
             else:
                 extra.register(get_types_from_msg(raw.definition, raw.type))
-        # The parser of a damaged definition raises errors of many kinds.
+        # The parser raises many kinds of errors on a damaged definition.
         except Exception as error:
             raise BagNotReadable(
                 path, f"the bag does not define {raw.type}, the type of {raw.topic}"

@@ -1,4 +1,4 @@
-"""Writing a bag that ROS 2 opens, and that stays readable if the writer is killed."""
+"""Write a bag that ROS 2 opens and that stays readable if the writer is killed."""
 
 from __future__ import annotations
 
@@ -25,25 +25,24 @@ from msg_tools.bags.metadata import (
 from msg_tools.bags.provisional_end import LIBRARY, ClosedMcapFile
 from msg_tools.bags.types import is_known_type, message_definition, type_hash
 
-#: Messages go to the operating system at the latest after so many bytes or so many seconds.
+#: Messages are written to the file after so many bytes or so many seconds.
 CHUNK_SIZE: Final = 64 * 1024
 FLUSH_INTERVAL: Final = 0.1
-#: How often the counts in metadata.yaml are brought up to date while writing [s].
+#: Interval of updates of metadata.yaml while writing [s].
 METADATA_INTERVAL: Final = 2.0
 
 
 class BagWriter:
-    """A rosbag2 directory with one MCAP file, being written.
+    """A rosbag2 directory with one MCAP file, being written; a context manager.
 
-    A context manager; leaving it closes the bag. Killed at any moment, it leaves a bag that opens
-    and holds everything up to the last flush.
+    A process killed at any moment leaves a bag with everything up to the last flush.
     """
 
     def __init__(self, directory: Path) -> None:
         """Create the bag.
 
         Args:
-            directory: the bag; made with its parents, or an empty folder.
+            directory: the bag; an empty folder, or created with its parents.
 
         Raises:
             NotWritable: if it exists and is not an empty folder, or can't be created.
@@ -64,7 +63,7 @@ class BagWriter:
             self._file = ClosedMcapFile(directory / self._file_name)
             self._writer = Writer(
                 cast("IO[Any]", self._file),
-                # Chunks end where flush() says, so that each is written in one piece.
+                # Chunks end at flush() only, so that each is written in one piece.
                 chunk_size=2**40,
                 compression=CompressionType.NONE,
             )
@@ -94,7 +93,7 @@ class BagWriter:
         exception: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the bag; an error of closing does not hide the one that is under way."""
+        """Close the bag; an error while closing does not hide an earlier one."""
         if exception is None:
             self.close()
         else:
@@ -106,7 +105,7 @@ class BagWriter:
         return topic in self._topics
 
     def add_topic(self, name: str, message_type: str, offered_qos: Sequence[Qos] = ()) -> None:
-        """Announce a topic, before its first message.
+        """Add a topic, before its first message.
 
         Args:
             name: absolute topic name.
@@ -114,8 +113,8 @@ class BagWriter:
             offered_qos: quality of service of its publishers, as far as known.
 
         Raises:
-            NotWritable: if the type is not known, the topic was added before with another type,
-                or the disk refuses.
+            NotWritable: if the type is unknown, the topic was added with another type, or
+                writing fails.
         """
         if name in self._topics:
             if self._topics[name].type != message_type:
@@ -161,7 +160,7 @@ class BagWriter:
             publish_time_ns: when it was sent [ns since the epoch].
 
         Raises:
-            NotWritable: if the disk refuses; what was flushed before stays readable.
+            NotWritable: if writing fails; everything flushed before stays readable.
             KeyError: if the topic was not added.
         """
         self._refuse_if_broken()
@@ -181,13 +180,13 @@ class BagWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system.
+        """Write all messages to the file.
 
-        Writing does this itself when a message comes; call it on a timer for the last message
-        before a pause.
+        :meth:`write` does this when it is due; call it on a timer for the last message before a
+        pause.
 
         Raises:
-            NotWritable: if the disk refuses; what was flushed before stays readable.
+            NotWritable: if writing fails; everything flushed before stays readable.
         """
         self._refuse_if_broken()
         try:
@@ -201,10 +200,10 @@ class BagWriter:
             self._fail(error)
 
     def close(self) -> None:
-        """Finish the file and its metadata; a second call, or one after a failure, does nothing.
+        """Complete the file and its metadata; does nothing if closed or failed before.
 
         Raises:
-            NotWritable: if the disk refuses; what was flushed before stays readable.
+            NotWritable: if writing fails; everything flushed before stays readable.
         """
         if self._closed or self._broken:
             return

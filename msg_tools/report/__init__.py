@@ -1,1 +1,1 @@
-"""The report of the tracking error in a bag."""
+"""Report of the tracking error in a bag."""

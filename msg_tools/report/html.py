@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing beside it."""
+"""The report as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -12,26 +12,23 @@ from jinja2 import Environment, StrictUndefined
 from msg_tools.report.table import overall_rows, target_rows
 from msg_tools.report.tracking import TrackingReport
 
-#: A browser scrolls so many rows with ease; targets.csv holds all.
+#: Rows of the table; targets.csv holds all.
 _MAX_ROWS: Final = 1000
 
 _CAPTIONS: Final = {
-    "errors.png": "Distance and angle between target and achieved pose, target by target.",
-    "path.png": "Where the end effector should have been and where it was, in the base frame.",
-    "histogram.png": "How often which error occurs.",
-    "latency.png": "From a target's message to its command's.",
+    "errors.png": "Distance and angle between target and achieved pose, for each target.",
+    "path.png": "Target and achieved positions of the end effector, in the base frame.",
+    "histogram.png": "Distribution of the errors.",
+    "latency.png": "Time from a target's message to its command's.",
 }
 
 
 def report_html(report: TrackingReport, plots: Mapping[str, bytes]) -> str:
-    """Render the report.
+    """The report as an HTML document.
 
     Args:
         report: the numbers.
-        plots: PNG by file name; embedded into the text.
-
-    Returns:
-        A whole HTML document.
+        plots: file name to PNG; embedded.
     """
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True

@@ -1,7 +1,7 @@
-"""Which sent target an accepted one was.
+"""Match accepted targets with the sent ones, by their pose.
 
-``target_pose`` carries no stamp, so a target is recognised by its pose. The position is copied bit
-for bit from the sent to the accepted target; the quaternion may have been normalised on the way.
+``target_pose`` has no stamp. ik_node copies the position of a target bit for bit; it may normalise
+the quaternion.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ _QUATERNION_TOLERANCE: Final = 1e-9
 
 
 class TargetMatches(NamedTuple):
-    """Which sent target each accepted one was.
+    """The sent target of each accepted one.
 
     Attributes:
-        sent: for each accepted target the index of the sent one, or None if it is not known.
-        ambiguous: indices of the accepted targets that several sent ones may have been.
+        sent: for each accepted target the index of the sent one; None if unknown.
+        ambiguous: indices of the accepted targets that match several sent ones.
     """
 
     sent: list[int | None]
@@ -34,8 +34,8 @@ class TimedPose(NamedTuple):
 
     Attributes:
         topic: absolute name of the topic.
-        time_ns: when it was sent, or received if that is not known [ns since the epoch].
-        pose: ``(7,)``; x, y, z [m], quaternion x, y, z, w.
+        time_ns: send time, or receive time if that is unknown [ns since the epoch].
+        pose: ``(7,)`` x, y, z [m], quaternion x, y, z, w.
     """
 
     topic: str
@@ -47,12 +47,12 @@ def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> T
     """The sent target of each accepted one.
 
     In order of time, each accepted target takes the first sent one that has its pose, was sent
-    before, has not been taken, and on its topic comes after those taken before: a node answers a
-    topic in order, so what was passed over was refused or dropped. Only if there is none, one that
-    was passed over is taken (messages of two publishers may arrive in another order than sent).
+    before it, is not taken, and follows the last one taken on its topic: a node reads a topic in
+    order, so skipped targets were refused or dropped. If there is none, a skipped one is taken,
+    since messages of two publishers may arrive in another order than sent.
 
-    Where several sent targets fit an accepted one, and more of that pose were sent than accepted,
-    any of them may be the one that was dropped: the match is then not known.
+    If several sent targets match and more of that pose were sent than accepted, any of them may
+    have been dropped: the match is ambiguous.
 
     Args:
         sent: targets of one or several topics, in any order.
@@ -66,19 +66,19 @@ def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> T
     matches: list[int | None] = [None] * len(accepted)
     ambiguous: set[int] = set()
     for number in sorted(range(len(accepted)), key=lambda i: accepted[i].time_ns):
-        answer = accepted[number]
-        free = by_position.get(_position(answer.pose), [])
+        target = accepted[number]
+        free = by_position.get(_position(target.pose), [])
         in_order = (i for i in free if sent[i].time_ns > last_taken[sent[i].topic])
-        fitting = _first_two_fitting(sent, in_order, answer)
-        if not fitting:
-            fitting = _first_two_fitting(sent, free, answer)
-        if not fitting:
+        found = _first_two_matching(sent, in_order, target)
+        if not found:
+            found = _first_two_matching(sent, free, target)
+        if not found:
             continue
-        # Taken also if ambiguous: the true one is not earlier, so those after it stay possible.
-        match = fitting[0]
+        # Taken even if ambiguous: the true match is not earlier.
+        match = found[0]
         last_taken[sent[match].topic] = max(last_taken[sent[match].topic], sent[match].time_ns)
         free.remove(match)
-        if len(fitting) > 1 and census.more_sent_than_accepted(answer.pose):
+        if len(found) > 1 and census.more_sent_than_accepted(target.pose):
             ambiguous.add(number)
         else:
             matches[number] = match
@@ -86,7 +86,7 @@ def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> T
 
 
 class _Census:
-    """How many targets of one pose were sent and accepted; counted when asked, each pose once."""
+    """Number of sent and accepted targets of a pose; counted on demand, once per pose."""
 
     def __init__(self, sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> None:
         self._sent = _poses_by_position(sent)
@@ -95,12 +95,12 @@ class _Census:
 
     def more_sent_than_accepted(self, pose: FloatArray) -> bool:
         position = _position(pose)
-        for known, answer in self._known[position]:
+        for known, more in self._known[position]:
             if _same_orientation(known, pose):
-                return answer
-        answer = self._count(self._sent, pose) > self._count(self._accepted, pose)
-        self._known[position].append((pose, answer))
-        return answer
+                return more
+        more = self._count(self._sent, pose) > self._count(self._accepted, pose)
+        self._known[position].append((pose, more))
+        return more
 
     @staticmethod
     def _count(poses: dict[tuple[float, ...], list[FloatArray]], pose: FloatArray) -> int:
@@ -116,18 +116,18 @@ def _poses_by_position(
     return poses
 
 
-def _first_two_fitting(
-    sent: Sequence[TimedPose], candidates: Iterable[int], answer: TimedPose
+def _first_two_matching(
+    sent: Sequence[TimedPose], candidates: Iterable[int], target: TimedPose
 ) -> list[int]:
-    fitting: list[int] = []
+    found: list[int] = []
     for index in candidates:
-        if sent[index].time_ns > answer.time_ns:
+        if sent[index].time_ns > target.time_ns:
             break
-        if _same_orientation(sent[index].pose, answer.pose):
-            fitting.append(index)
-            if len(fitting) == 2:
+        if _same_orientation(sent[index].pose, target.pose):
+            found.append(index)
+            if len(found) == 2:
                 break
-    return fitting
+    return found
 
 
 def _position(pose: FloatArray) -> tuple[float, ...]:
@@ -135,8 +135,8 @@ def _position(pose: FloatArray) -> tuple[float, ...]:
 
 
 def _same_orientation(first: FloatArray, second: FloatArray) -> bool:
-    """Whether two quaternions, of any norm but zero, are the same rotation."""
-    # Sent targets may hold anything; what is not finite fits nothing.
+    """Whether two quaternions of any norm but zero are the same rotation."""
+    # Sent targets are unchecked; one that is not finite matches nothing.
     with np.errstate(all="ignore"):
         norms = float(np.linalg.norm(first[3:]) * np.linalg.norm(second[3:]))
         product = abs(float(first[3:] @ second[3:]))

@@ -1,9 +1,12 @@
-"""Which namespace of a bag holds the robot."""
+"""The namespace of the robot in a bag."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
+from annik_core.errors import AnnikError
 from msg_tools.bags.reader import Bag
-from msg_tools.report.errors import AmbiguousNamespace, UnknownNamespace
 from msg_tools.topics import (
     ACCEPTED_TARGET,
     ACHIEVED_POSE,
@@ -15,10 +18,10 @@ from msg_tools.topics import (
     Topic,
 )
 
-# joint_states is left out: robots that know nothing of annik publish it too.
-_SIGNS_OF_A_SOLVER = (ACCEPTED_TARGET, JOINT_COMMAND)
-_SIGNS_OF_A_ROBOT = (
-    *_SIGNS_OF_A_SOLVER,
+# Without joint_states, which robots without annik publish too.
+_SOLVER_TOPICS = (ACCEPTED_TARGET, JOINT_COMMAND)
+_ROBOT_TOPICS = (
+    *_SOLVER_TOPICS,
     TARGET_POSE,
     TARGET_POSE_STAMPED,
     ACHIEVED_POSE,
@@ -27,13 +30,33 @@ _SIGNS_OF_A_ROBOT = (
 )
 
 
+class NamespaceError(AnnikError):
+    """The namespace to report on is unknown, or not the only one.
+
+    Attributes:
+        path: the bag.
+        wanted: the namespace that was asked for; None if none was.
+        namespaces: those that hold a robot.
+    """
+
+    def __init__(self, path: Path, wanted: str | None, namespaces: Sequence[str]) -> None:
+        self.path = path
+        self.wanted = wanted
+        self.namespaces = tuple(namespaces)
+        found = ", ".join(namespaces) or "none"
+        super().__init__(
+            f"bag {path}: robots in several namespaces: {found}; choose one as 'namespace'"
+            if wanted is None
+            else f"bag {path}: no topic of annik in {wanted}; namespaces with a robot: {found}"
+        )
+
+
 def robot_namespaces(bag: Bag) -> tuple[str, ...]:
     """Namespaces of a bag that hold topics of annik, sorted; ``/`` is the root.
 
-    Those where an ``ik_node`` answered come alone: targets in another namespace are then remapped
-    ones, not another robot.
+    If an ``ik_node`` sent commands in some of them, only those: targets elsewhere were remapped.
     """
-    return _namespaces_with(bag, _SIGNS_OF_A_SOLVER) or _namespaces_with(bag, _SIGNS_OF_A_ROBOT)
+    return _namespaces_with(bag, _SOLVER_TOPICS) or _namespaces_with(bag, _ROBOT_TOPICS)
 
 
 def robot_namespace(bag: Bag, wanted: str | None = None) -> str:
@@ -41,23 +64,23 @@ def robot_namespace(bag: Bag, wanted: str | None = None) -> str:
 
     Args:
         bag: the bag.
-        wanted: the user's choice, with or without the leading slash; None to find the only one.
+        wanted: with or without the leading slash; None to find the only one.
 
     Returns:
         The namespace with its leading slash; ``/`` if the bag holds no topic of annik at all.
 
     Raises:
-        AmbiguousNamespace: if several hold a robot and none is wanted.
-        UnknownNamespace: if the wanted one holds no topic of annik.
+        NamespaceError: if the wanted one holds no topic of annik, or none is wanted and several
+            hold a robot.
     """
     namespaces = robot_namespaces(bag)
     if wanted is not None:
         chosen = "/" + wanted.strip("/")
-        if chosen not in _namespaces_with(bag, _SIGNS_OF_A_ROBOT):
-            raise UnknownNamespace(bag.path, chosen, namespaces)
+        if chosen not in _namespaces_with(bag, _ROBOT_TOPICS):
+            raise NamespaceError(bag.path, chosen, namespaces)
         return chosen
     if len(namespaces) > 1:
-        raise AmbiguousNamespace(bag.path, namespaces)
+        raise NamespaceError(bag.path, None, namespaces)
     return namespaces[0] if namespaces else "/"
 
 

@@ -1,11 +1,7 @@
-"""Plots of a report: errors over time, the path, two drives compared.
+"""Plots of a report as PNG: errors, path, latency, and several recordings compared.
 
-The pictures of a report, as PNG.
-
-Colours are those of Okabe and Ito, which colour-blind people tell apart; what they separate also
-differs in brightness, line or marker, so that a grey print loses nothing.
-
-Several recordings of one path in one picture.
+Colours are those of Okabe and Ito, for colour-blind readers; lines and markers differ in a grey
+print too.
 """
 
 from __future__ import annotations
@@ -28,14 +24,14 @@ _BLUE: Final = "#0072B2"
 _ORANGE: Final = "#E69F00"
 _GREY: Final = "#666666"
 _DOTS_PER_INCH: Final = 120
-#: Up to so many targets, each gets a marker.
+#: Each target has a marker up to so many targets.
 _MARKED_TARGETS: Final = 200
 _BINS: Final = 40
-#: Values whose spread is at most this part of them are one value.
+#: Values whose relative spread is at most this are drawn as one value.
 _SAME: Final = 1e-6
-#: Values up to this [mm or deg] are drawn as zero: axes can't be divided into less.
+#: Values up to this [mm or deg] are drawn as zero: an axis can't be divided further.
 _NOTHING: Final = 1e-30
-#: From so large a ratio of largest to median error on, the axis is logarithmic.
+#: The axis is logarithmic above this ratio of largest to median error.
 _LOGARITHMIC_RATIO: Final = 30.0
 
 
@@ -77,7 +73,7 @@ def path_plot(report: TrackingReport) -> bytes:
     axes.set_title("Target and achieved path")
     targets = np.array([target.target for target in report.targets]).reshape(-1, 3)
     achieved = np.array([target.achieved for target in report.targets]).reshape(-1, 3)
-    # Wide under narrow, as the two can't be told apart where the robot is good.
+    # Wide under narrow: the two coincide where the errors are small.
     axes.plot(*targets.T, color=_ORANGE, linewidth=6.0, label="target")
     axes.plot(*achieved.T, color=_BLUE, linewidth=1.5, label="achieved")
     if len(targets):
@@ -93,7 +89,7 @@ def path_plot(report: TrackingReport) -> bytes:
 
 
 def histogram_plot(report: TrackingReport) -> bytes:
-    """How often which position error [mm] and orientation error [deg] occurs, as PNG."""
+    """Distribution of position error [mm] and orientation error [deg], as PNG."""
     figure = _figure(8.0, 3.6)
     left, right = figure.subplots(1, 2)
     _draw_histogram(
@@ -173,7 +169,7 @@ def _draw_histogram(axes: Axes, values: Sequence[float], color: str, label: str)
         bins = np.geomspace(min(positive), max(positive), bins + 1)
         axes.set_xscale("log")
     elif np.ptp(values) <= _SAME * max(values) or max(values) <= _NOTHING:
-        # Bins between values that differ by rounding would have no width.
+        # Bins between values that differ only by rounding would have zero width.
         bins = np.linspace(0.0, 2 * max(values) if max(values) > _NOTHING else 1.0, bins + 1)
     axes.hist(values, bins=bins, color=color, edgecolor="white", linewidth=0.5)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -195,7 +191,7 @@ def _spans_decades(values: Sequence[float]) -> bool:
 
 
 def _set_equal_scales(axes: Axes3D, points: FloatArray) -> None:
-    """Give all axes one scale, so that a straight path looks straight and a circle round."""
+    """Give all axes the same scale."""
     centre = (points.max(axis=0) + points.min(axis=0)) / 2
     half = max(float(np.ptp(points, axis=0).max()) / 2, 1e-3) * 1.05
     axes.set(
@@ -223,17 +219,16 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-#: Colours of Okabe and Ito, as in the reports, and lines that differ in grey print too.
+#: Colours and line styles of the recordings of a comparison.
 _STYLES = (("#E69F00", "-"), ("#0072B2", "--"), ("#009E73", ":"), ("#CC79A7", "-."))
 
 
 def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
-    """Errors of every target, by what each recording is called, as PNG; logarithmic.
+    """Errors of every target of several recordings, by name, as PNG with logarithmic axes.
 
     A recording without targets has no line.
     """
-    figure = Figure(figsize=(9.0, 5.4), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = _figure(9.0, 5.4)
     upper, lower = figure.subplots(2, 1, sharex=True)
     for (name, report), (colour, line) in zip(reports.items(), _STYLES, strict=False):
         numbers = [target.number for target in report.targets]
@@ -250,6 +245,4 @@ def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
         axes.grid(visible=True, which="both", alpha=0.3)
         axes.legend()
     lower.set_xlabel("target")
-    content = BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    return content.getvalue()
+    return _png(figure)

@@ -1,4 +1,4 @@
-"""What an ik_node's diagnostics say about refused targets."""
+"""Refused targets, by the diagnostics of an ik_node."""
 
 from __future__ import annotations
 
@@ -12,12 +12,7 @@ _REASON_PREFIX: Final = "refused: "
 
 @dataclass(frozen=True)
 class RefusalCounts:
-    """Counts of one ik_node since its start.
-
-    Attributes:
-        refused: refused targets.
-        reasons: refused targets by reason, most frequent first.
-    """
+    """Refused targets of one ik_node since its start; by reason, most frequent first."""
 
     refused: int
     reasons: dict[str, int] = field(default_factory=dict)
@@ -31,7 +26,7 @@ def refusal_counts(diagnostics: Iterable[Any], namespace: str) -> RefusalCounts 
         namespace: with its leading slash; ``/`` is the root.
 
     Returns:
-        None if there are none, or if it is not clear which of several nodes is meant.
+        None if there are none, or if several nodes match.
     """
     last: dict[str, RefusalCounts] = {}
     for array in diagnostics:

@@ -1,4 +1,4 @@
-"""The report as tables for a terminal."""
+"""The report as tables in a terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.table import Table
 
 from msg_tools.report.tracking import TargetResult, TrackingReport
 
-#: With more targets than this, the terminal shows the worst ones only.
+#: With more targets than this, only the worst are shown.
 _MAX_ROWS: Final = 30
 _SHOWN_WORST: Final = 10
 

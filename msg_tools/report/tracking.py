@@ -1,4 +1,4 @@
-"""How well a robot followed its targets, computed from a bag."""
+"""Tracking error of a robot, computed from a bag."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ from msg_tools.topics import (
 
 #: Recorded and recomputed tracking errors may differ by this much [m and rad].
 ERROR_AGREEMENT: Final = 1e-9
-#: No robot is so far from its base [m]. What is farther is damage, and would overflow.
+#: Coordinates beyond this [m] are taken as damage; they could overflow.
 LARGEST_COORDINATE: Final = 1e6
 
 
 class TargetResult(NamedTuple):
-    """One target that was answered and whose achieved pose is known.
+    """A target with a command and an achieved pose.
 
     Attributes:
         number: 1, 2, ... in order of acceptance.
-        stamp_ns: header stamp shared by the target, its command and its result [ns].
+        stamp_ns: header stamp of the target, its command and its result [ns].
         target: x, y, z [m] in the base frame.
         achieved: x, y, z [m] in the base frame.
-        position_error_mm: distance of target and achieved position [mm].
+        position_error_mm: distance between target and achieved position [mm].
         orientation_error_deg: angle between target and achieved orientation [deg].
-        latency_us: from the target's message to its command's [us]; None if unknown.
+        latency_us: time from the target's message to its command's [us]; None if unknown.
     """
 
     number: int
@@ -71,27 +71,27 @@ class Summary(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackingReport:
-    """What a bag says about the tracking of one robot.
+    """Report of a bag on the tracking of one robot.
 
     Attributes:
         bag_path: the bag.
         namespace: of the robot, with its leading slash.
         targets_sent: messages on the target topics.
         targets_answered: commands.
-        targets_unanswered: sent and not answered: refused, or replaced by a newer one in the
-            queue before they were read.
-        targets_refused: as the ik_node counted them, by its last diagnostics; if the bag has
-            none, all that were not answered.
+        targets_unanswered: targets without a command: refused, or replaced by a newer one in the
+            queue.
+        targets_refused: count of the ik_node's last diagnostics; without diagnostics, all targets
+            without a command.
         refusal_reasons: refused targets by reason, from the last diagnostics; most frequent first.
-        targets: answered targets with a known result, in order of acceptance.
+        targets: targets with a command and a result, in order of acceptance.
         position_error_mm: over ``targets`` [mm]; None if there are none.
         orientation_error_deg: over ``targets`` [deg]; None if there are none.
-        latency_us: target to command, over those whose target was recognised [us]; None if none.
-        latency_clock: ``sent`` or ``received``: which times the latency is the difference of.
+        latency_us: target to command [us], over the targets that were matched; None if none.
+        latency_clock: ``sent`` or ``received``: the times that the latency is computed from.
         recorded_error_difference: largest difference between the recorded tracking errors and
             those recomputed here, [m] and [rad]; None if nothing can be compared.
         bag_complete: whether everything recorded could be read.
-        notes: what a reader of the report must know, in plain sentences.
+        notes: remarks for the reader, in sentences.
     """
 
     bag_path: Path
@@ -110,8 +110,8 @@ class TrackingReport:
     bag_complete: bool
     notes: tuple[str, ...]
 
-    def results(self) -> dict[str, Any]:
-        """The numbers of the report as plain data, for JSON; None where there is no number."""
+    def to_dict(self) -> dict[str, Any]:
+        """The report as JSON values; None where there is no number."""
         return {
             "bag": str(self.bag_path),
             "bag_complete": self.bag_complete,
@@ -142,7 +142,7 @@ class _Pair(NamedTuple):
 
 
 class _Latencies(NamedTuple):
-    """Time from target to command [us], by stamp, and the stamps of which it can't be told."""
+    """Time from target to command [us] by stamp, and the stamps for which it is ambiguous."""
 
     known: dict[int, float]
     ambiguous: frozenset[int]
@@ -156,8 +156,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         namespace: of the robot; needed only if the bag holds several.
 
     Raises:
-        AmbiguousNamespace: if the bag holds robots in several namespaces and none is given.
-        UnknownNamespace: if the given one holds no robot.
+        NamespaceError: see :func:`msg_tools.report.namespace.robot_namespace`.
         BagNotReadable: if a message that is needed can't be decoded.
     """
     chosen = robot_namespace(bag, namespace)
@@ -190,13 +189,13 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
     if counts is None and unanswered:
         notes.append(
             "The bag holds no diagnostics of the ik_node: every target without a command is "
-            "counted as refused, and reasons are not known."
+            "counted as refused, and the reasons are unknown."
         )
     elif counts is not None and counts.refused != unanswered:
         notes.append(
             f"{unanswered} targets have no command, but the ik_node's last diagnostics count "
-            f"{counts.refused} as refused: they are a second old at most, count from the node's "
-            "start, and leave out targets that a newer one replaced before they were read."
+            f"{counts.refused} as refused: these may be one second old, count from the node's "
+            "start, and leave out targets that a newer one replaced in the queue."
         )
     targets = tuple(_target_result(number, pair) for number, pair in enumerate(pairs, start=1))
     latencies = [target.latency_us for target in targets if target.latency_us is not None]
@@ -204,18 +203,17 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
     if unrecognised:
         notes.append(
             f"{unrecognised} of {len(targets)} answered targets were not "
-            "recognised among the sent ones: their latency is not known."
+            "recognised among the sent ones: their latency is unknown."
         )
     if ambiguous:
         notes.append(
-            f"{ambiguous} of {len(targets)} answered targets are like several that were sent, of "
-            "which not all were answered: which one was answered, and so the latency, is not "
-            "known."
+            f"{ambiguous} of {len(targets)} answered targets are equal to several sent ones, not "
+            "all of which were answered: their latency is unknown."
         )
     if latencies and not bag.has_publish_times:
         notes.append(
-            "The bag does not tell when messages were sent: latency is computed from the times at "
-            "which the recorder received them."
+            "The bag has no send times: latency is computed from the times at which the recorder "
+            "received the messages."
         )
     difference = _recorded_error_difference(pairs, records, notes)
     return TrackingReport(
@@ -243,7 +241,7 @@ def _pairs(
     """Accepted targets with their achieved poses, in order of stamp.
 
     Returns:
-        The pairs, and of how many the latency is unknown because several sent targets fit.
+        The pairs, and the number of those with an ambiguous latency.
     """
     accepted = _by_stamp(records[ACCEPTED_TARGET.name], "accepted targets", notes)
     achieved = _by_stamp(records[ACHIEVED_POSE.name], "achieved poses", notes)
@@ -265,8 +263,8 @@ def _pairs(
         pairs.append(_Pair(stamp, target, result, error, latencies.known.get(stamp)))
     if invalid:
         notes.append(
-            f"{invalid} pairs hold a pose that is no pose (NaN, no unit quaternion, or farther "
-            f"than {LARGEST_COORDINATE:g} m): they are left out."
+            f"{invalid} pairs hold an invalid pose (NaN, no unit quaternion, or farther than "
+            f"{LARGEST_COORDINATE:g} m): they are left out."
         )
     without_result = len(accepted.keys() - achieved.keys())
     if pairs and without_result:
@@ -322,13 +320,13 @@ def _recorded_error_difference(
         return None
     recorded_positions = np.array([_vector(positions[p.stamp].message.vector) for p in both])
     recorded_rotations = np.array([_vector(orientations[p.stamp].message.vector) for p in both])
-    # Not '>': a NaN is not valid.
+    # A NaN is not valid, so not '>'.
     valid = (np.abs(recorded_positions) <= 2 * LARGEST_COORDINATE).all(axis=1)
     valid &= (np.abs(recorded_rotations) <= LARGEST_COORDINATE).all(axis=1)
     if not valid.all():
         notes.append(
-            f"{np.count_nonzero(~valid)} recorded tracking errors are no numbers, or beyond all "
-            "measure: they disagree with those recomputed."
+            f"{np.count_nonzero(~valid)} recorded tracking errors are no numbers, or too large: "
+            "they disagree with those recomputed."
         )
     if not valid.any():
         return None
@@ -337,7 +335,7 @@ def _recorded_error_difference(
     position_difference = np.linalg.norm(
         recorded_positions - np.array([pair.error.position for pair in both]), axis=1
     ).max()
-    # As rotations: at half a turn, a rotation vector and its negative are the same.
+    # As rotations: a rotation vector of half a turn equals its negative.
     recomputed = Rotation.from_rotvec(np.array([pair.error.orientation for pair in both]))
     difference = Rotation.from_rotvec(recorded_rotations) * recomputed.inv()
     rotation_difference = difference.magnitude().max()

@@ -1,4 +1,4 @@
-"""From a bag to a folder with its report: HTML, pictures and numbers."""
+"""Write the report of a bag: HTML, pictures and numbers."""
 
 from __future__ import annotations
 
@@ -19,21 +19,17 @@ def write_report(
 ) -> TrackingReport:
     """Write report.html, results.json, targets.csv and the pictures of a bag's report.
 
-    All files are made before the first one replaces that of an earlier report.
+    An earlier report is replaced only by a complete new one.
 
     Args:
         bag_path: folder of a bag, or one of its files.
-        output_directory: made if it does not exist.
+        output_directory: created if it does not exist.
         namespace: of the robot; needed only if the bag holds several.
-
-    Returns:
-        The report that was written.
 
     Raises:
         BagNotFound: if there is no such bag.
         BagNotReadable: if nothing in it can be read.
-        AmbiguousNamespace: if the bag holds robots in several namespaces and none is given.
-        UnknownNamespace: if the given one holds no robot.
+        NamespaceError: see :func:`msg_tools.report.namespace.robot_namespace`.
         NotWritable: if the files can't be written; earlier ones are then kept.
     """
     report = tracking_report(read_bag(bag_path), namespace)
@@ -41,7 +37,7 @@ def write_report(
     contents = {
         **plots,
         "report.html": report_html(report, plots).encode(),
-        "results.json": (json.dumps(report.results(), indent=2, allow_nan=False) + "\n").encode(),
+        "results.json": (json.dumps(report.to_dict(), indent=2, allow_nan=False) + "\n").encode(),
         "targets.csv": _targets_csv(report).encode(),
     }
     ensure_writable_folder(output_directory)

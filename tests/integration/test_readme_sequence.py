@@ -33,7 +33,7 @@ def test_the_bag_holds_every_target_and_what_came_of_it(
     wait_until(lambda: _recorded_errors(bag) >= 15, "the errors of all targets in the bag")
     recorder.signal(signal.SIGINT)
     assert recorder.wait_for_exit() == 0
-    results = write_report(bag, tmp_path / "report").results()
+    results = write_report(bag, tmp_path / "report").to_dict()
     assert (
         results["targets_sent"] == results["targets_answered"] == results["targets_paired"] == 15
     )

@@ -251,21 +251,21 @@ def test_types_that_jazzy_has_not_are_learned_from_the_bag(tmp_path: Path) -> No
     bag = read_bag(tmp_path / "own.mcap")
     (record,) = bag.records({"/mine"})
     assert record.message.value == 1.0
-    with pytest.raises(BagNotReadable, match="my_msgs/msg/Broken"):
+    with pytest.raises(BagNotReadable) as caught:
         list(bag.records({"/broken"}))
+    assert "my_msgs/msg/Broken" in caught.value.problem
 
 
 def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BagNotFound):
         read_bag(tmp_path / "nowhere")
-    with pytest.raises(BagNotReadable, match=r"no .mcap"):
-        read_bag(tmp_path)
     (tmp_path / "text.txt").write_text("hello")
-    with pytest.raises(BagNotReadable, match="not a bag"):
-        read_bag(tmp_path / "text.txt")
+    (tmp_path / "empty").mkdir()
     (tmp_path / "folder.mcap").mkdir()
-    with pytest.raises(BagNotReadable):
-        read_bag(tmp_path / "folder.mcap")
+    for path in (tmp_path / name for name in ("empty", "text.txt", "folder.mcap")):
+        with pytest.raises(BagNotReadable) as caught:
+            read_bag(path)
+        assert caught.value.path == path
 
 
 def test_a_cut_sqlite_bag_is_never_an_unforeseen_error(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from support.robot_recording import RobotRecording, pose_message, stamped_pose, 
 
 from msg_tools.bags.reader import read_bag
 from msg_tools.bags.types import jazzy_types
-from msg_tools.report.errors import AmbiguousNamespace, UnknownNamespace
+from msg_tools.report.namespace import NamespaceError
 from msg_tools.report.tracking import TrackingReport, tracking_report
 
 
@@ -62,7 +62,7 @@ def test_pairs_are_made_by_stamp_never_by_order(tmp_path: Path) -> None:
     in_order = report_of(tmp_path / "in_order", RobotRecording(count=30))
     shuffled = report_of(tmp_path / "shuffled", RobotRecording(count=30).shuffled())
     assert shuffled.targets == in_order.targets
-    assert shuffled.results() | {"bag": ""} == in_order.results() | {"bag": ""}
+    assert shuffled.to_dict() | {"bag": ""} == in_order.to_dict() | {"bag": ""}
 
 
 def test_refused_targets_are_counted_and_do_not_shift_the_pairs(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_targets_replaced_in_the_queue_are_unanswered_but_not_refused(tmp_path: 
     report = report_of(tmp_path, recording)
     assert (report.targets_sent, report.targets_answered) == (10, 7)
     assert (report.targets_unanswered, report.targets_refused) == (3, 1)
-    results = report.results()
+    results = report.to_dict()
     assert (results["targets_unanswered"], results["targets_refused"]) == (3, 1)
 
 
@@ -155,7 +155,7 @@ def test_equal_targets_of_which_some_were_dropped_have_no_latency_that_may_be_wr
     # Up to the first that was dropped, only one sent target was there to be answered.
     assert [target.latency_us for target in report.targets] == [500.0] * 10 + [None] * 18
     (note,) = report.notes
-    assert note.startswith("18 of 28 answered targets are like several that were sent")
+    assert note.startswith("18 of 28 answered targets are equal to several sent ones")
 
 
 def test_another_target_between_equal_ones_ends_the_doubt(tmp_path: Path) -> None:
@@ -385,7 +385,7 @@ def test_a_result_that_is_no_pose_is_left_out(tmp_path: Path, topic: str, value:
     message.content.pose.position.x = value
     report = report_of(tmp_path, recording)
     assert len(report.targets) == 3
-    assert any("no pose" in note for note in report.notes)
+    assert any("invalid pose" in note for note in report.notes)
 
 
 def test_one_namespace_is_found(tmp_path: Path) -> None:
@@ -396,15 +396,16 @@ def test_one_namespace_is_found(tmp_path: Path) -> None:
 
 def test_several_namespaces_need_a_choice(tmp_path: Path) -> None:
     left, right = RobotRecording(count=3, namespace="/left"), RobotRecording(count=5)
-    with pytest.raises(AmbiguousNamespace, match="/, /left") as caught:
+    with pytest.raises(NamespaceError) as caught:
         report_of(tmp_path / "unclear", left, right)
-    assert caught.value.namespaces == ("/", "/left")
+    assert (caught.value.wanted, caught.value.namespaces) == (None, ("/", "/left"))
     for wanted, count in (("/left", 3), ("left", 3), ("/", 5), ("", 5)):
         left, right = RobotRecording(count=3, namespace="/left"), RobotRecording(count=5)
         path = tmp_path / f"chosen_{wanted.replace('/', '_')}"
         assert len(report_of(path, left, right, namespace=wanted).targets) == count
-    with pytest.raises(UnknownNamespace, match=r"/middle.*/left"):
+    with pytest.raises(NamespaceError) as caught:
         tracking_report(read_bag(tmp_path / "unclear" / "bag"), "middle")
+    assert (caught.value.wanted, caught.value.namespaces) == ("/middle", ("/", "/left"))
 
 
 def test_diagnostics_are_those_of_the_chosen_robot(tmp_path: Path) -> None:
