@@ -5,18 +5,16 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, InvalidValue
 from annik_core.pose import FloatArray, checked_pose, pose_from_roll_pitch_yaw
-
-
-class TargetPathError(AnnikError):
-    """A path of target poses can't be made as asked."""
-
+from annik_core.settings import check_settings, setting
 
 #: The paper's test path: P1 to P2 in steps of 20 mm along x, y and z.
 DIAGONAL_START = (0.210, 0.210, 0.510)
@@ -28,17 +26,7 @@ DIAGONAL_POINTS = 15
 CSV_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
-class InvalidPathOption(TargetPathError):
-    """An option of a path is out of range."""
-
-    def __init__(self, option: str, value: object, allowed: str) -> None:
-        self.option = option
-        self.value = value
-        self.allowed = allowed
-        super().__init__(f"{option} is {value!r}; allowed: {allowed}")
-
-
-class UnreadableTargetFile(TargetPathError):
+class UnreadableTargetFile(AnnikError):
     """A file of targets is missing, or a line of it is not a target."""
 
     def __init__(self, path: Path, problem: str, line: int | None = None) -> None:
@@ -58,10 +46,10 @@ def diagonal_path(points: int = DIAGONAL_POINTS) -> FloatArray:
     90 / 14 = 6.4286 degrees per step.
 
     Args:
-        points: how many, ends included; 15 are the paper's, more follow the same path finer.
+        points: how many, ends included; the paper has 15, more follow the same path finer.
 
     Raises:
-        InvalidPathOption: if there are fewer than two points.
+        InvalidValue: if there are fewer than two points.
     """
     share = _shares(points)[:, np.newaxis]
     positions = (1 - share) * np.array(DIAGONAL_START) + share * np.array(DIAGONAL_END)
@@ -69,7 +57,7 @@ def diagonal_path(points: int = DIAGONAL_POINTS) -> FloatArray:
 
 
 def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
-    """A straight line, turning about one fixed axis at an even rate, the short way round.
+    """A straight line, with a rotation about one fixed axis at an even rate, the short way.
 
     Args:
         start: pose ``(7,)``.
@@ -77,7 +65,7 @@ def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
         points: how many, ends included.
 
     Raises:
-        InvalidPathOption: if there are fewer than two points.
+        InvalidValue: if there are fewer than two points.
         ConversionError: if an end is not a pose.
     """
     share = _shares(points)
@@ -92,7 +80,7 @@ def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
 def circle_path(
     centre: ArrayLike, radius: float, roll_pitch_yaw: ArrayLike, points: int
 ) -> FloatArray:
-    """A circle in a plane of constant z, anticlockwise seen from above, at one orientation.
+    """A circle in a plane of constant z, anticlockwise from above, with one orientation.
 
     It starts at the greatest x. The first point is not repeated at the end, so that laps join.
 
@@ -103,10 +91,10 @@ def circle_path(
         points: how many, spread evenly; at least two.
 
     Raises:
-        InvalidPathOption: if the radius or the number of points is out of range.
+        InvalidValue: if the radius or the number of points is out of range.
     """
     if not (math.isfinite(radius) and radius > 0):
-        raise InvalidPathOption("radius", radius, "a number greater than 0 [m]")
+        raise InvalidValue("radius", radius, "a finite number greater than 0 [m]")
     _shares(points)
     angle = 2 * np.pi * np.arange(points) / points
     offset = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(points)], axis=1)
@@ -121,7 +109,7 @@ def csv_path(path: str | Path) -> FloatArray:
     ignored, and so are empty lines.
 
     Raises:
-        UnreadableTargetFile: naming the line and what is wrong with it, or that there is none.
+        UnreadableTargetFile: naming the line and what is wrong with it.
     """
     path = Path(path)
     try:
@@ -151,12 +139,85 @@ def _poses_from_rows(lines: Iterable[str], path: Path) -> FloatArray:
             problem = str(error) if not isinstance(error, TypeError) else "too few columns"
             raise UnreadableTargetFile(path, problem, rows.line_num) from error
     if not poses:
-        raise UnreadableTargetFile(path, "there is no target after the header")
+        raise UnreadableTargetFile(path, "no target after the header")
     return np.stack(poses)
 
 
 def _shares(points: int) -> FloatArray:
     """``(points,)`` from 0 to 1, evenly."""
     if points < 2:
-        raise InvalidPathOption("points", points, "2 or more")
+        raise InvalidValue("points", points, "an integer of at least 2")
     return np.linspace(0.0, 1.0, points)
+
+
+class PathKind(Enum):
+    """The paths that can be made."""
+
+    DIAGONAL = "diagonal"
+    LINE = "line"
+    CIRCLE = "circle"
+    CSV = "csv"
+
+
+@dataclass(frozen=True)
+class TargetPath:
+    """A path by its settings; those of other kinds of paths are ignored."""
+
+    path: PathKind = setting(PathKind.DIAGONAL, "The path. diagonal: the paper's test path.")
+    points: int = setting(
+        DIAGONAL_POINTS,
+        "How many targets the path has; csv: ignored.",
+        minimum=2,
+        maximum=10_000_000,
+    )
+    csv_file: str = setting(
+        "", "For csv: file with the header x,y,z,qx,qy,qz,qw [m, unit quaternion]."
+    )
+    line_from_position: tuple[float, ...] = setting(
+        (0.25, 0.25, 0.55), "For line: first position x, y, z.", unit="m"
+    )
+    line_from_roll_pitch_yaw: tuple[float, ...] = setting(
+        (0.5, 0.5, 0.5), "For line: first orientation, about the fixed x, y, z axes.", unit="rad"
+    )
+    line_to_position: tuple[float, ...] = setting(
+        (0.45, 0.45, 0.75), "For line: last position x, y, z.", unit="m"
+    )
+    line_to_roll_pitch_yaw: tuple[float, ...] = setting(
+        (0.5, 0.5, 0.5), "For line: last orientation, about the fixed x, y, z axes.", unit="rad"
+    )
+    circle_centre: tuple[float, ...] = setting(
+        (0.35, 0.35, 0.65), "For circle: centre x, y, z.", unit="m"
+    )
+    circle_radius: float = setting(
+        0.1,
+        "For circle: radius, in the plane of constant z.",
+        unit="m",
+        minimum=1e-6,
+        maximum=1000.0,
+    )
+    circle_roll_pitch_yaw: tuple[float, ...] = setting(
+        (0.5, 0.5, 0.5), "For circle: orientation, about the fixed x, y, z axes.", unit="rad"
+    )
+
+    def poses(self) -> FloatArray:
+        """The targets ``(n, 7)``.
+
+        Raises:
+            AnnikError: if a setting is out of range, or the file can't be used.
+        """
+        check_settings(self)
+        if self.path is PathKind.LINE:
+            start = pose_from_roll_pitch_yaw(
+                self.line_from_position, self.line_from_roll_pitch_yaw
+            )
+            end = pose_from_roll_pitch_yaw(self.line_to_position, self.line_to_roll_pitch_yaw)
+            return line_path(start, end, self.points)
+        if self.path is PathKind.CIRCLE:
+            return circle_path(
+                self.circle_centre, self.circle_radius, self.circle_roll_pitch_yaw, self.points
+            )
+        if self.path is PathKind.CSV:
+            if not self.csv_file:
+                raise InvalidValue("csv_file", "", "the path of a file, if path is csv")
+            return csv_path(self.csv_file)
+        return diagonal_path(self.points)

@@ -1,4 +1,4 @@
-"""Declare a table of parameters on a node, and read the values given to it."""
+"""Declare the parameters of a dataclass on a node, and read their values."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter as GivenParameter
 
-from annik_core.errors import AnnikError
-from annik_ros.parameters import Parameter, parameter_table
+from annik_core.errors import AnnikError, InvalidValue
+from annik_ros.parameters import Parameter, from_values, number_meant, parameter_table
 
 Parameters = TypeVar("Parameters")
 
@@ -22,68 +22,83 @@ Parameters = TypeVar("Parameters")
 def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
     """Declare the parameters of a dataclass on a node, with descriptions and ranges.
 
-    A value that is not allowed is refused later too, when the node runs.
+    Values that are not allowed are refused later too, while the node runs.
 
     Args:
-        node: where to declare them.
+        node: the node.
         parameters: a dataclass such as :class:`annik_ros.ik_node.parameters.IkNodeParameters`.
 
     Returns:
         The values given on the command line or in a file, the defaults for the rest.
 
     Raises:
-        AnnikError: if values contradict each other.
-        InvalidParameter: if a value has the wrong type or is out of range; nothing but the
-            parameters before it is declared.
+        AnnikError: if a value has the wrong type, is out of range or contradicts another.
     """
-    rows = parameter_table(parameters)
-    values = {row.name: _declare(node, row) for row in rows}
+    rows = {row.name: row for row in parameter_table(parameters)}
+    values = {row.name: _declare(node, row) for row in rows.values()}
+    node.add_pre_set_parameters_callback(lambda given: [_meant(rows, one) for one in given])
     node.add_on_set_parameters_callback(lambda given: _validated(node, parameters, given))
-    return parameters(**values)
+    return from_values(parameters, values)
 
 
 def current_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
     """The values that the declared parameters have now."""
     rows = parameter_table(parameters)
-    return parameters(
-        **{row.name: row.checked(node.get_parameter(row.name).value) for row in rows}
-    )
+    return from_values(parameters, {row.name: node.get_parameter(row.name).value for row in rows})
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:
-    """What ``ros2 param describe`` shows of a parameter."""
+    """The output of ``ros2 param describe`` for a parameter."""
+    setting = row.setting
     message = ParameterDescriptor(
         name=row.name,
-        description=f"{row.description} [{row.unit}]" if row.unit else row.description,
+        description=f"{row.description} [{setting.unit}]" if setting.unit else row.description,
         additional_constraints=f"It must be {row.allowed}.",
         read_only=row.read_only,
     )
-    if row.minimum is not None and row.maximum is not None:
-        if isinstance(row.default, float):
+    lowest = setting.minimum if setting.greater_than is None else setting.greater_than
+    if lowest is not None and setting.maximum is not None:
+        if isinstance(setting.default, float):
             message.floating_point_range = [
-                FloatingPointRange(from_value=float(row.minimum), to_value=float(row.maximum))
+                FloatingPointRange(
+                    from_value=0.0 if row.zero_is_default else float(lowest),
+                    to_value=float(setting.maximum),
+                )
             ]
-        elif isinstance(row.default, int):
+        elif isinstance(setting.default, int):
             message.integer_range = [
-                IntegerRange(from_value=int(row.minimum), to_value=int(row.maximum))
+                IntegerRange(from_value=int(lowest), to_value=int(setting.maximum))
             ]
     return message
+
+
+def _meant(rows: dict[str, Parameter], given: GivenParameter) -> GivenParameter:
+    """What is meant by a value that ROS tools give another type, such as an integer for a double.
+
+    What is not allowed stays as it is, to be refused.
+    """
+    row = rows.get(given.name)
+    if row is None or row.read_only:
+        return given
+    value = given.value
+    if isinstance(row.default, float):
+        value = number_meant(value)
+    try:
+        return GivenParameter(given.name, value=_plain(row.checked(value)))
+    except InvalidValue:
+        return given
 
 
 def _validated(
     node: Node, parameters: type[Parameters], given: list[GivenParameter]
 ) -> SetParametersResult:
-    """Whether new values may be set: by itself ROS knows types and ranges, but nothing else."""
+    """Whether new values may be set; ROS itself checks types and ranges only."""
     new = {parameter.name: parameter.value for parameter in given}
     rows = parameter_table(parameters)
+    values = {row.name: new.get(row.name, node.get_parameter(row.name).value) for row in rows}
     try:
-        # All of them, since one may be wrong beside another only.
-        parameters(
-            **{
-                row.name: row.checked(new.get(row.name, node.get_parameter(row.name).value))
-                for row in rows
-            }
-        )
+        # All of them, since a value may be wrong only in combination with another.
+        from_values(parameters, values)
     except AnnikError as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)
@@ -94,9 +109,9 @@ def _declare(node: Node, row: Parameter) -> object:
     # double, and its exceptions name neither the range nor the unit.
     untyped = ParameterDescriptor(dynamic_typing=True)
     given = node.declare_parameter(row.name, _plain(row.default), untyped).value
-    value = row.checked(given)
+    value = _plain(row.checked(given))
     node.undeclare_parameter(row.name)
-    node.declare_parameter(row.name, _plain(value), descriptor(row), ignore_override=True)
+    node.declare_parameter(row.name, value, descriptor(row), ignore_override=True)
     return value
 
 

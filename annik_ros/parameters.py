@@ -1,181 +1,203 @@
-"""Node parameters as one table: the fields of a dataclass that know unit, range and meaning.
+"""Parameters of the nodes, made from settings. Needs no ROS.
 
-The nodes declare these tables, and the documentation is generated from them. Needs no ROS.
+A dataclass of parameters has settings of its own, made by :func:`parameter`, and whole dataclasses
+of settings, included by :func:`parameters_of`. The nodes declare the table of such a dataclass;
+``config/*.yaml`` and the documentation are generated from it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import Field, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from enum import Enum
 from typing import Any, TypeVar, cast
 
-from annik_core.errors import AnnikError
+from annik_core.errors import InvalidValue
+from annik_core.settings import Setting, setting, settings_of
 
 Value = TypeVar("Value")
+Settings = TypeVar("Settings")
 ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
-#: The least limit that can be set: a limit must be greater than 0.
-SMALLEST_LIMIT = 1e-12
+#: The bounds of arrays that stand for infinity: ROS tools can't restore an infinite number.
+NO_BOUND = 1000.0
 
-_METADATA_KEY = "parameter"
-_TYPE_NAMES: dict[type, str] = {
-    bool: "bool",
-    int: "integer",
-    float: "double",
-    str: "string",
-    tuple: "double array",
-}
+_READ_ONLY = "read_only"
+_INCLUDED = "included settings"
+_NAMES = "names of their parameters"
 
 
-class InvalidParameter(AnnikError):
-    """A parameter has a value of the wrong type, or one that is not allowed."""
+class ExecutorChoice(Enum):
+    """The executor of rclpy that runs the callbacks of a node."""
 
-    def __init__(self, name: str, value: object, allowed: str) -> None:
-        self.name = name
-        self.value = value
-        self.allowed = allowed
-        super().__init__(f"parameter {name} is {value!r}; it must be {allowed}")
+    EVENTS = "events"
+    SINGLE_THREADED = "single_threaded"
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One row of a node's parameter table.
+    """A setting as ROS holds it: in values that survive ``ros2 param dump`` and ``load``.
+
+    ``ros2 param load`` turns infinity, and numbers such as 5e-07, into strings. A default of this
+    kind is 0 as a parameter, where the setting itself does not allow 0; the infinite bounds of an
+    array are -1000 and 1000.
 
     Attributes:
-        name: as ROS sees it.
-        default: the value if none is given; an array is a tuple, of numbers (whose count is then
-            fixed) or of strings (any number of them).
-        unit: of the value, or of each number of an array; empty if it has none.
-        minimum: least value allowed, or None.
-        maximum: greatest value allowed, or None. Infinity is a value only where it is infinity.
-        choices: the strings allowed; empty means any.
-        description: one sentence.
-        read_only: whether it keeps its value while the node runs.
+        setting: name, meaning and range.
+        read_only: whether the value is fixed when the node starts.
     """
 
-    name: str
-    default: ParameterValue
-    unit: str
-    minimum: float | None
-    maximum: float | None
-    choices: tuple[str, ...]
-    description: str
+    setting: Setting
     read_only: bool
 
     @property
-    def type_name(self) -> str:
-        """What ROS calls the type, such as integer or double array."""
-        if self._holds_strings:
-            return "string array"
-        return _TYPE_NAMES[type(self.default)]
+    def name(self) -> str:
+        """The name of the parameter."""
+        return self.setting.name
+
+    @property
+    def default(self) -> ParameterValue:
+        """The default as ROS holds it."""
+        return self._held(self.setting.default)
+
+    @property
+    def zero_is_default(self) -> bool:
+        """Whether 0 stands for the default of the setting."""
+        default = self.setting.default
+        return (
+            isinstance(default, float)
+            and "." not in repr(default)
+            and not self.setting.allows(0.0)
+        )
+
+    @property
+    def description(self) -> str:
+        """What the value means, in sentences."""
+        if self.zero_is_default:
+            default = self.setting.default
+            zero = "no limit" if math.isinf(default) else f"the default, {default:g}"
+            return f"{self.setting.description} 0: {zero}."
+        if self._has_infinite_bounds:
+            return f"{self.setting.description} {self.default[0]:g}: no bound."  # type: ignore[index]
+        return self.setting.description
 
     @property
     def allowed(self) -> str:
         """The allowed values in words, with the unit."""
-        unit = f" [{self.unit}]" if self.unit else ""
-        if self.choices:
-            return f"one of {', '.join(self.choices)}"
-        if self._holds_strings:
-            return "strings"
-        if isinstance(self.default, tuple):
-            kind = "numbers" if self._may_be_infinite else "finite numbers"
-            return f"{len(self.default)} {kind}{unit}"
-        article = "an" if self.type_name[0] in "aeiou" else "a"
-        if self.minimum is None and self.maximum is None:
-            return f"{article} {self.type_name}{unit}"
-        low = "-inf" if self.minimum is None else f"{self.minimum:g}"
-        high = "inf" if self.maximum is None else f"{self.maximum:g}"
-        return f"{article} {self.type_name} from {low} to {high}{unit}"
+        return f"{self.setting.allowed}{', or 0' if self.zero_is_default else ''}"
 
-    def checked(self, value: object) -> ParameterValue:
-        """The value if it is allowed, with an integer taken for the double that it means.
-
-        ``-p rate:=50`` is an integer to ROS; to refuse it for a rate would only be tiresome.
+    def setting_value(self, value: object) -> Any:
+        """The value of the setting that a value of the parameter stands for.
 
         Raises:
-            InvalidParameter: if the type, the range, the choice or the array's length is wrong.
+            InvalidValue: if the type, the range, the choice or the length is wrong.
         """
-        refusal = InvalidParameter(self.name, value, self.allowed)
-        if self._holds_strings:
-            return _checked_strings(value, refusal)
-        if isinstance(self.default, tuple):
-            return self._checked_array(value, refusal)
-        if isinstance(self.default, float) and type(value) is int:
-            value = float(value)
-        if type(value) is not type(self.default):
-            raise refusal
-        if isinstance(value, str) and self.choices and value not in self.choices:
-            raise refusal
-        if isinstance(value, (int, float)) and not self._in_range(value):
-            raise refusal
-        return value
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if self.zero_is_default and is_number and value == 0:
+            return self.setting.default
+        if not self.setting.allows(value):
+            raise InvalidValue(self.name, value, self.allowed)
+        allowed = self.setting.checked(value)
+        if self._has_infinite_bounds:
+            return tuple(
+                math.copysign(math.inf, number) if abs(number) >= NO_BOUND else number
+                for number in allowed
+            )
+        return allowed
+
+    def checked(self, value: object) -> ParameterValue:
+        """The value as ROS should hold it, such as an integer as the double that it means.
+
+        Raises:
+            InvalidValue: if the type, the range, the choice or the length is wrong.
+        """
+        return self._held(self.setting_value(value))
 
     @property
-    def _holds_strings(self) -> bool:
-        return isinstance(self.default, tuple) and isinstance(next(iter(self.default), 0.0), str)
+    def _has_infinite_bounds(self) -> bool:
+        return isinstance(self.setting.default, tuple) and self.setting.allows_infinity
 
-    @property
-    def _may_be_infinite(self) -> bool:
-        return self.maximum == math.inf
+    def _held(self, value: Any) -> ParameterValue:
+        """A value of the setting as ROS holds it."""
+        if isinstance(value, Enum):
+            return cast("str", value.value)
+        if self._has_infinite_bounds:
+            return tuple(min(max(number, -NO_BOUND), NO_BOUND) for number in value)
+        if self.zero_is_default and value == self.setting.default:
+            return 0.0
+        return cast("ParameterValue", value)
 
-    def _in_range(self, value: float) -> bool:
-        low = -math.inf if self.minimum is None else self.minimum
-        high = math.inf if self.maximum is None else self.maximum
-        if math.isinf(value) and not self._may_be_infinite:
-            return False
-        return low <= value <= high
 
-    def _checked_array(self, value: object, refusal: InvalidParameter) -> tuple[float, ...]:
+def number_meant(text: object) -> object:
+    """The number that ``ros2 param load`` turned into a string; anything else as it is.
+
+    It hands 5e-05 on as ``"5e-05"`` and infinity as ``"inf"``. Other strings, such as ``"0.1"``,
+    come from whoever wrote a string, and are no numbers.
+    """
+    if isinstance(text, str) and "." not in text:
         try:
-            given = tuple(cast("list[object]", value))
-        except TypeError as error:
-            raise refusal from error
-        if not all(type(number) in (int, float) for number in given):
-            raise refusal
-        numbers = tuple(float(cast("float", number)) for number in given)
-        if len(numbers) != len(cast("tuple[object, ...]", self.default)):
-            raise refusal
-        for number in numbers:
-            if math.isnan(number) or (math.isinf(number) and not self._may_be_infinite):
-                raise refusal
-        return numbers
+            number = float(text)
+        except ValueError:
+            return text
+        if repr(number) == text:
+            return number
+    return text
 
 
-def _checked_strings(value: object, refusal: InvalidParameter) -> tuple[str, ...]:
-    if not isinstance(value, (list, tuple)) or not all(isinstance(text, str) for text in value):
-        raise refusal
-    return tuple(value)
+def parameter(default: Value, description: str, *, read_only: bool = True, **how: Any) -> Value:
+    """A field of a dataclass that is a parameter; further arguments as :func:`setting`."""
+    return setting(default, description, read_only=read_only, **how)
 
 
-def parameter(
-    default: Value,
-    description: str,
-    *,
-    unit: str = "",
-    minimum: float | None = None,
-    maximum: float | None = None,
-    choices: tuple[str, ...] = (),
-    read_only: bool = True,
-) -> Value:
-    """A dataclass field that is a node parameter; see :class:`Parameter` for the arguments."""
-    row = {
-        "unit": unit,
-        "minimum": minimum,
-        "maximum": maximum,
-        "choices": choices,
-        "description": description,
-        "read_only": read_only,
-    }
-    # The type checker is to see a field of the default's type, as with dataclasses.field itself.
-    declared: Any = field(default=default, metadata={_METADATA_KEY: row})
-    return cast("Value", declared)
+def parameters_of(
+    settings: type[Settings], *, read_only: bool = True, names: Mapping[str, str] | None = None
+) -> Settings:
+    """A field of a dataclass whose settings are parameters.
+
+    Args:
+        settings: a dataclass of settings, which is also the type of the field.
+        read_only: of all of these parameters.
+        names: names of parameters, where they are not those of the settings.
+    """
+    included: Any = field(
+        default_factory=settings,
+        metadata={_INCLUDED: settings, _READ_ONLY: read_only, _NAMES: names or {}},
+    )
+    return cast("Settings", included)
 
 
 def parameter_table(parameters: type) -> tuple[Parameter, ...]:
-    """The table of a dataclass whose fields were made by :func:`parameter`, in their order."""
-    return tuple(_row(entry) for entry in fields(parameters) if _METADATA_KEY in entry.metadata)
+    """The parameters of a dataclass, in their order."""
+    own = {entry.name: entry for entry in settings_of(parameters)}
+    table: list[Parameter] = []
+    for entry in fields(parameters):
+        found = (own[entry.name],) if entry.name in own else _included(entry.metadata)
+        table += (Parameter(one, entry.metadata[_READ_ONLY]) for one in found)
+    return tuple(table)
 
 
-def _row(entry: Field[Any]) -> Parameter:
-    default: Any = entry.default
-    return Parameter(name=entry.name, default=default, **entry.metadata[_METADATA_KEY])
+def from_values(parameters: type[Settings], values: Mapping[str, object]) -> Settings:
+    """The dataclass for values of its parameters, one each.
+
+    Raises:
+        AnnikError: if a value is not allowed, or contradicts another.
+    """
+    meant = {row.name: row.setting_value(values[row.name]) for row in parameter_table(parameters)}
+    arguments: dict[str, Any] = {}
+    for entry in fields(parameters):  # type: ignore[arg-type]
+        if _INCLUDED not in entry.metadata:
+            arguments[entry.name] = meant[entry.name]
+            continue
+        settings, names = entry.metadata[_INCLUDED], entry.metadata[_NAMES]
+        arguments[entry.name] = settings(
+            **{one.name: meant[names.get(one.name, one.name)] for one in settings_of(settings)}
+        )
+    return parameters(**arguments)
+
+
+def _included(metadata: Mapping[str, Any]) -> tuple[Setting, ...]:
+    return tuple(
+        replace(one, name=metadata[_NAMES].get(one.name, one.name))
+        for one in settings_of(metadata[_INCLUDED])
+    )

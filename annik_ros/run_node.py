@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from annik_core.errors import AnnikError
-from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.parameters import ExecutorChoice
 
 #: Longest wait for work [s]. Jazzy's events executor calls nobody back unless its wait is finite.
 _LONGEST_WAIT: Final = 0.5

@@ -1,9 +1,9 @@
-"""Write the generated parts of the documentation: tables from the code, figures from the demo.
+"""Write the generated parts of the documentation, and the parameter files of the nodes.
 
-A generated part stands between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``. With ``--check``
-nothing is written; the exit code is 1 if a part that comes from the code is out of date. With
-``--demo FOLDER`` the measured results and the pictures of a demo are taken over too, with
-``--learn FOLDER`` those of ``./run learn``.
+A generated part of a page is between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the files
+``config/NODE.yaml`` are generated as a whole. With ``--check`` nothing is written; the exit code
+is 1 if anything that comes from the code is out of date. With ``--demo FOLDER`` the measured
+results and the pictures of a demo are included, with ``--learn FOLDER`` those of ``./run learn``.
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ import math
 import re
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from annik_core.safety import AcceptanceLimits, IkStatus
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
@@ -29,6 +32,7 @@ from benchmarks.conditions import machine
 from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent
+CONFIG = DOCS.parent / "config"
 README = DOCS.parent / "README.md"
 LEARN = DOCS / "learn_your_robot.md"
 PICTURES = {"errors.png": "tracking_error.png", "path.png": "path.png"}
@@ -52,7 +56,7 @@ def parameters(node: str) -> Callable[[], str]:
 
     def parameter_rows() -> str:
         rows = [
-            (f"`{row.name}`", _default(row), row.allowed, _when(row), row.description)
+            (f"`{row.name}`", _default(node, row), row.allowed, _when(row), row.description)
             for row in PARAMETER_TABLES[node]
         ]
         return table(("parameter", "default", "allowed", "set", "meaning"), rows)
@@ -182,10 +186,37 @@ def _mapping(value: object) -> Mapping[str, float]:
     return value
 
 
-def _default(row: Parameter) -> str:
+def _default(node: str, row: Parameter) -> str:
     if isinstance(row.default, tuple) and len(row.default) > 3:
-        return "see there"
-    return f"`{json.dumps(row.default).replace('Infinity', '.inf')}`"
+        return f"see `config/{node}.yaml`"
+    return f"`{_in_yaml(row.default)}`"
+
+
+def _in_yaml(value: object) -> str:
+    """A value in one line of YAML."""
+    if value == "":
+        return '""'
+    if isinstance(value, tuple):
+        value = list(value)
+    return yaml.safe_dump(value, default_flow_style=True, width=math.inf).splitlines()[0]
+
+
+def parameter_file(node: str) -> str:
+    """The parameter file of a node, with every default."""
+    lines = [
+        "# Written by ./run docs from the node's parameters.",
+        "# /** is any node in any namespace, so that the file works under any name.",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for row in PARAMETER_TABLES[node]:
+        lines += [f"    # {line}" for line in textwrap.wrap(row.description, 93)]
+        if isinstance(row.default, tuple) and len(row.default) > 3:
+            lines += [f"    {row.name}:", *(f"      - {_in_yaml(item)}" for item in row.default)]
+        else:
+            unit = f" # [{row.setting.unit}]" if row.setting.unit else ""
+            lines.append(f"    {row.name}: {_in_yaml(row.default)}{unit}")
+    return "\n".join(lines) + "\n"
 
 
 def _when(row: Parameter) -> str:
@@ -228,6 +259,16 @@ def main() -> None:
     parser.add_argument("--learn", type=Path)
     arguments = parser.parse_args()
     stale = []
+
+    def update(path: Path, text: str, updated: str) -> None:
+        if updated != text:
+            stale.append(str(path.relative_to(DOCS.parent)))
+            if not arguments.check:
+                path.write_text(updated, encoding="utf-8")
+
+    for node in PARAMETER_TABLES:
+        path = CONFIG / f"{node}.yaml"
+        update(path, path.read_text(encoding="utf-8"), parameter_file(node))
     for path, parts in PARTS.items():
         text = path.read_text(encoding="utf-8")
         updated = text
@@ -240,10 +281,7 @@ def main() -> None:
             if path == page and folder:
                 results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
                 updated = with_part(updated, name, content_of(results))
-        if updated != text:
-            stale.append(str(path.relative_to(DOCS.parent)))
-            if not arguments.check:
-                path.write_text(updated, encoding="utf-8")
+        update(path, text, updated)
     for folder, pictures in (
         (arguments.demo, PICTURES),
         (arguments.learn, LEARN_PICTURES),

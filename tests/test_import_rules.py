@@ -62,7 +62,6 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
     ),
     "msg_tools": ("topics", "conversions", "bags", "report"),
     "annik_ros": (
-        "executor_choice",
         "parameters",
         "declare_parameters",
         "diagnostic_values",

@@ -1,36 +1,29 @@
-"""Kinematic errors and measurement noise of a simulated arm: data, files, random draws.
+"""Kinematic errors and measurement noise of a simulated arm: values, files, random draws.
 
-The error of a gear that comes again with every turn of its joint.
-
-In what a real arm differs from its description, for a fake robot to be learned from.
-
-Amounts are in metres and radians. The sign of each is that of its motion in
-this module, whose four Denavit-Hartenberg kinds these are: a joint turns as
-its URDF says, and lengths and twists count along the common normal from its axis to the next.
-
-Imperfections from a YAML file.
-
-Imperfections drawn from a seed: another robot for each, always the same for one.
+In metres and radians. The kinematic errors are the four Denavit-Hartenberg kinds of
+:mod:`annik_core.robots.kinematic_errors`: a joint moves as its URDF says, and lengths and twists
+are along and about the common normal from its axis to the next.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import yaml
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, InvalidValue
 from annik_core.pose import FloatArray
 from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.corrected_kinematics import JointCorrectedKinematics
 from annik_core.robots.corrections import JointCorrection
 from annik_core.robots.kinematic_errors import ErrorKind, geometric_errors, placements_of
 from annik_core.robots.robot import ForwardKinematics, Robot
+from annik_core.settings import Setting, check_settings, setting, settings_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +52,12 @@ class PeriodicTransmissionError(JointCorrection):
 
 
 class InvalidImperfections(AnnikError):
-    """Imperfections have an entry that is unknown or out of range, or can't be read."""
+    """Imperfections can't be read, have an unknown key, or do not fit the robot.
+
+    Attributes:
+        source: the file, or what else they come from.
+        problem: what is wrong.
+    """
 
     def __init__(self, source: str, problem: str) -> None:
         self.source = source
@@ -67,86 +65,26 @@ class InvalidImperfections(AnnikError):
         super().__init__(f"imperfections {source}: {problem}")
 
 
-class UnsupportedRobotForImperfections(AnnikError):
-    """A robot whose kinematics annik can't make imperfect."""
-
-    def __init__(self, robot: str, kind: str) -> None:
-        self.robot = robot
-        self.kind = kind
-        super().__init__(
-            f"{robot} is a {kind}, and only an arm can be imperfect: take an arm, such as ur5e, "
-            "or leave the imperfections out"
-        )
-
-
-class Range(NamedTuple):
-    """What an entry may be.
-
-    Attributes:
-        lower: least value.
-        upper: greatest value.
-        unit: of both; empty if it has none.
-    """
-
-    lower: float
-    upper: float
-    unit: str
-
-    def check(self, value: object, what: str, source: str) -> float:
-        """The value as a float.
-
-        Args:
-            value: as given.
-            what: what to call the entry in an error.
-            source: what to call the imperfections in an error.
-
-        Raises:
-            InvalidImperfections: naming the entry, its value and the range.
-        """
-        # True and false are numbers to Python; NaN is in no range.
-        if (
-            isinstance(value, (int, float))
-            and value is not True
-            and value is not False
-            and self.lower <= value <= self.upper
-        ):
-            return float(value)
-        unit = f" [{self.unit}]" if self.unit else ""
-        remedy = "; give metres and radians" if self.unit else ""
-        if isinstance(value, str):
-            # What YAML makes of 20e-6.
-            remedy += "; a number in YAML has a point before its exponent, such as 2.0e-5"
-        raise InvalidImperfections(
-            source,
-            f"{what} is {value!r}; it must be a number from {self.lower:g} to "
-            f"{self.upper:g}{unit}{remedy}",
-        )
-
-
-#: Larger errors are another robot: millimetres or degrees that were taken for metres or radians.
+#: Larger errors are rather millimetres or degrees, given as metres or radians.
 LARGEST_ANGLE: Final = 0.2
 LARGEST_LENGTH: Final = 0.1
-_ANGLE: Final = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad")
-_LENGTH: Final = Range(-LARGEST_LENGTH, LARGEST_LENGTH, "m")
-
-#: What each joint has: entry and what it may be.
-JOINT_ENTRIES: Final[dict[str, Range]] = {
-    "joint_zero": _ANGLE,
-    "joint_offset": _LENGTH,
-    "link_length": _LENGTH,
-    "link_twist": _ANGLE,
-    "transmission_amplitude": Range(0.0, LARGEST_ANGLE, "rad"),
-    "transmission_phase": Range(-2.0 * math.pi, 2.0 * math.pi, "rad"),
-    "backlash": Range(0.0, LARGEST_LENGTH, "rad or m"),
-}
-#: What a measured pose has.
-MEASUREMENT_ENTRIES: Final[dict[str, Range]] = {
-    "position_noise": Range(0.0, LARGEST_LENGTH, "m"),
-    "orientation_noise": Range(0.0, LARGEST_ANGLE, "rad"),
-    "dropped": Range(0.0, 1.0, ""),
-}
-#: The largest seed, of noise and of imperfections to draw.
+#: The largest seed of random errors and of noise.
 LARGEST_SEED: Final = 2**31 - 1
+
+
+#: The errors of each joint, by name.
+JOINT_ENTRIES: Final = {
+    name: Setting(name, 0.0, description, unit, minimum=lower, maximum=upper)
+    for name, description, unit, lower, upper in (
+        ("joint_zero", "Motion about the axis.", "rad", -LARGEST_ANGLE, LARGEST_ANGLE),
+        ("joint_offset", "Along the axis.", "m", -LARGEST_LENGTH, LARGEST_LENGTH),
+        ("link_length", "Of the link after it.", "m", -LARGEST_LENGTH, LARGEST_LENGTH),
+        ("link_twist", "Of the link after it.", "rad", -LARGEST_ANGLE, LARGEST_ANGLE),
+        ("transmission_amplitude", "Of the periodic error.", "rad", 0.0, LARGEST_ANGLE),
+        ("transmission_phase", "Of the periodic error.", "rad", -2.0 * math.pi, 2.0 * math.pi),
+        ("backlash", "Motion while its drive stands still.", "rad or m", 0.0, LARGEST_LENGTH),
+    )
+}
 
 _GEOMETRY: Final = {
     ErrorKind.JOINT_ZERO: "joint_zero",
@@ -156,23 +94,18 @@ _GEOMETRY: Final = {
 }
 
 
-# Its numbers are not for those who are to learn them: no log prints them by accident.
+# Without a repr, so that no log reveals to a calibration what it is to find.
 @dataclass(frozen=True, eq=False, repr=False)
 class Imperfections:
-    """The errors of an arm and of the measurements of its pose; by default there are none.
+    """The errors of an arm and of the measurements of its pose.
 
     Attributes:
-        joint_zero: ``(dof,)`` errors of the joints' zeros: motions about their axes [rad].
-        joint_offset: ``(dof,)`` errors along the joints' axes [m].
-        link_length: ``(dof,)`` errors of the links' lengths, after each joint [m].
-        link_twist: ``(dof,)`` errors of the links' twists, after each joint [rad].
-        transmission_amplitude: ``(dof,)`` see :class:`PeriodicTransmissionError` [rad].
-        transmission_phase: ``(dof,)`` [rad].
-        backlash: ``(dof,)`` how far each joint can move while its drive stands still [rad or m].
-        position_noise: standard deviation of a measured position, per axis [m].
-        orientation_noise: standard deviation of a measured orientation, about each axis [rad].
-        dropped: probability that a measurement is not reported.
-        noise_seed: what noise and lost measurements are drawn from.
+        joint_zero: see :data:`JOINT_ENTRIES`; this and all other arrays are ``(dof,)``.
+        transmission_amplitude: see :class:`PeriodicTransmissionError`.
+
+    Raises:
+        InvalidImperfections: if an array has another shape.
+        InvalidValue: naming the entry, its value and what is allowed.
     """
 
     joint_zero: FloatArray
@@ -182,35 +115,45 @@ class Imperfections:
     transmission_amplitude: FloatArray
     transmission_phase: FloatArray
     backlash: FloatArray
-    position_noise: float = 0.0
-    orientation_noise: float = 0.0
-    dropped: float = 0.0
-    noise_seed: int = 0
+    position_noise: float = setting(
+        0.0,
+        "Standard deviation of a measured position along each axis.",
+        unit="m",
+        minimum=0.0,
+        maximum=LARGEST_LENGTH,
+    )
+    orientation_noise: float = setting(
+        0.0,
+        "Standard deviation of a measured orientation about each axis.",
+        unit="rad",
+        minimum=0.0,
+        maximum=LARGEST_ANGLE,
+    )
+    dropped: float = setting(
+        0.0, "Probability that a measurement is lost.", minimum=0.0, maximum=1.0
+    )
+    noise_seed: int = setting(
+        0, "Seed of noise and lost measurements.", minimum=0, maximum=LARGEST_SEED
+    )
 
     def __post_init__(self) -> None:
-        """Check all entries; the arrays become read-only copies.
-
-        Raises:
-            InvalidImperfections: naming the entry, its value and what is allowed.
-        """
-        source = "given"
+        """Check all entries; the arrays become read-only copies."""
         dof = np.size(self.joint_zero)
-        for name, allowed in JOINT_ENTRIES.items():
+        for name, entry in JOINT_ENTRIES.items():
             given = np.asarray(getattr(self, name))
             if given.shape != (dof,):
                 raise InvalidImperfections(
-                    source, f"{name} has shape {given.shape}, not ({dof},), one per joint"
+                    "given", f"{name} has shape {given.shape}, not ({dof},), one per joint"
                 )
-            checked = [
-                allowed.check(value, f"{name} of joint {number}", source)
-                for number, value in enumerate(given.tolist(), 1)
-            ]
-            array = np.array(checked)
+            array = np.array(
+                [
+                    replace(entry, name=f"{name} of joint {number}").checked(value)
+                    for number, value in enumerate(given.tolist(), 1)
+                ]
+            )
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        for name, allowed in MEASUREMENT_ENTRIES.items():
-            object.__setattr__(self, name, allowed.check(getattr(self, name), name, source))
-        check_seed(self.noise_seed, "noise_seed", source)
+        check_settings(self)
 
     @classmethod
     def none(cls, dof: int) -> Imperfections:
@@ -224,54 +167,40 @@ class Imperfections:
         return len(self.joint_zero)
 
     def measurement_generator(self) -> np.random.Generator:
-        """What draws the noise of measurements; always the same sequence."""
+        """The random generator of measurement noise; always the same sequence."""
         # Not the sequence that drew the imperfections themselves from the same seed.
         return np.random.default_rng([self.noise_seed, 1])
 
-    def as_plain_data(self, joint_names: tuple[str, ...]) -> dict[str, Any]:
-        """What a file holds; see :func:`read_imperfections`."""
+    def to_dict(self, joint_names: tuple[str, ...]) -> dict[str, Any]:
+        """The content of a file; see :func:`read_imperfections`."""
         joints = {
             joint: {name: float(getattr(self, name)[index]) for name in JOINT_ENTRIES}
             for index, joint in enumerate(joint_names)
         }
-        others = {
-            entry.name: getattr(self, entry.name)
-            for entry in fields(self)
-            if entry.name not in JOINT_ENTRIES
-        }
+        others = {entry.name: getattr(self, entry.name) for entry in settings_of(type(self))}
         return {"joints": joints, **others}
 
 
-def check_seed(seed: object, what: str, source: str) -> int:
-    """A seed that every generator takes.
-
-    Raises:
-        InvalidImperfections: if it is anything else.
-    """
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= LARGEST_SEED:
-        raise InvalidImperfections(
-            source, f"{what} is {seed!r}; it must be an integer from 0 to {LARGEST_SEED}"
-        )
-    return seed
-
-
 def check_arm(robot: Robot) -> None:
-    """Refuse a robot that can't be imperfect.
+    """Refuse a robot that is not an arm.
 
     Raises:
-        UnsupportedRobotForImperfections: if it is not an arm.
+        InvalidImperfections: if it is not.
     """
     if robot.kind != "arm":
-        raise UnsupportedRobotForImperfections(robot.name, robot.kind)
+        raise InvalidImperfections(
+            f"of {robot.name}",
+            f"it is a {robot.kind}, and only an arm can be imperfect: choose an arm, such as "
+            "ur5e, or omit the imperfections",
+        )
 
 
 def check_fit(imperfections: Imperfections, robot: Robot, source: str) -> None:
-    """Refuse imperfections that can't be those of this robot.
+    """Refuse imperfections that do not fit a robot.
 
     Raises:
-        InvalidImperfections: if they are for another number of joints, or a joint that shifts has
-            a transmission error, which is one of turning gears.
-        UnsupportedRobotForImperfections: if it is not an arm.
+        InvalidImperfections: if the robot is not an arm or has another number of joints, or a
+            prismatic joint has a transmission error, which is periodic in an angle.
     """
     check_arm(robot)
     if imperfections.dof != robot.dof:
@@ -285,22 +214,20 @@ def check_fit(imperfections: Imperfections, robot: Robot, source: str) -> None:
             raise InvalidImperfections(
                 source,
                 f"transmission_amplitude of {joint} is {amplitude:g}; it must be 0, since the "
-                "joint shifts",
+                "joint is prismatic",
             )
 
 
 def imperfect_kinematics(robot: Robot, imperfections: Imperfections) -> ForwardKinematics:
-    """Where the real end effector is, given the commanded joint positions; without backlash.
+    """The forward kinematics of the real arm, without backlash.
 
     Args:
-        robot: the arm as described. Corrections that it has learned change nothing: the real one
-            is where it is.
-        imperfections: of the real one.
+        robot: the arm as described. Corrections from a calibration have no effect.
+        imperfections: of the real arm.
 
     Raises:
-        InvalidImperfections: if they can't be those of this robot.
+        InvalidImperfections: if they do not fit the robot.
         MissingDependency: if Pinocchio is not installed.
-        UnsupportedRobotForImperfections: if it is not an arm.
     """
     check_fit(imperfections, robot, "given")
     nominal = ArmKinematics(robot.joint_names, robot.definition["urdf"], robot.end_effector_frame)
@@ -322,26 +249,24 @@ def imperfect_kinematics(robot: Robot, imperfections: Imperfections) -> ForwardK
 
 
 def read_imperfections(path: str | Path, robot: Robot) -> Imperfections:
-    """The imperfections of an arm that a file describes, in metres and radians.
+    """The imperfections of an arm from a file, in metres and radians.
 
     Args:
-        path: a YAML file. ``joints`` maps names of joints to what is wrong with each:
-            ``joint_zero``, ``joint_offset``, ``link_length``, ``link_twist``,
-            ``transmission_amplitude``, ``transmission_phase`` and ``backlash``; beside it are
-            ``position_noise``, ``orientation_noise``, ``dropped`` and ``noise_seed``. Their
-            meaning is in :class:`Imperfections`; what is left out is 0.
+        path: a YAML file. ``joints`` maps names of joints to mappings with keys of
+            :data:`JOINT_ENTRIES`; beside it are ``position_noise``, ``orientation_noise``,
+            ``dropped`` and ``noise_seed`` of :class:`Imperfections`. Missing keys mean 0.
         robot: the arm.
 
     Raises:
-        InvalidImperfections: if the file can't be read, or naming the entry that is wrong.
-        UnsupportedRobotForImperfections: if the robot is not an arm.
+        InvalidImperfections: if the file can't be read, an entry is wrong, or the robot is not
+            an arm.
     """
     check_arm(robot)
     source = str(path)
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError as error:
-        raise InvalidImperfections(source, "there is no such file: check the path") from error
+        raise InvalidImperfections(source, "file not found: check the path") from error
     except (OSError, ValueError) as error:
         raise InvalidImperfections(source, f"can't be read: {error}") from error
     try:
@@ -349,40 +274,51 @@ def read_imperfections(path: str | Path, robot: Robot) -> Imperfections:
     # Besides YAMLError, PyYAML lets through whatever an ill-formed date or tag runs into.
     except Exception as error:
         raise InvalidImperfections(source, f"not readable as YAML: {error}") from error
-    return imperfections_from_plain_data(data, robot, source)
+    return imperfections_from_dict(data, robot, source)
 
 
-def imperfections_from_plain_data(data: Any, robot: Robot, source: str) -> Imperfections:
-    """The content of such a file; the reverse of :meth:`Imperfections.as_plain_data`.
+def imperfections_from_dict(data: Any, robot: Robot, source: str) -> Imperfections:
+    """The reverse of :meth:`Imperfections.to_dict`.
 
     Args:
         data: as read.
         robot: the arm.
-        source: what to call the file in an error.
+        source: what to call the data in an error.
 
     Raises:
-        InvalidImperfections: naming the entry that is wrong.
+        InvalidImperfections: as :func:`read_imperfections`.
     """
-    _check_entries(data, "the file", ("joints", *MEASUREMENT_ENTRIES, "noise_seed"), source)
+    check_arm(robot)
+    others = {entry.name: entry for entry in settings_of(Imperfections)}
+    _check_keys(data, "the file", ("joints", *others), source)
     joints = data.get("joints", {})
-    _check_entries(joints, "joints", robot.joint_names, source)
+    _check_keys(joints, "joints", robot.joint_names, source)
     attributes: dict[str, Any] = {name: np.zeros(robot.dof) for name in JOINT_ENTRIES}
     for joint, entries in joints.items():
-        _check_entries(entries, f"joints.{joint}", JOINT_ENTRIES, source)
+        _check_keys(entries, f"joints.{joint}", JOINT_ENTRIES, source)
         index = robot.joint_names.index(joint)
         for name, value in entries.items():
-            what = f"joints.{joint}.{name}"
-            attributes[name][index] = JOINT_ENTRIES[name].check(value, what, source)
-    for name, allowed in MEASUREMENT_ENTRIES.items():
-        attributes[name] = allowed.check(data.get(name, 0.0), name, source)
-    attributes["noise_seed"] = check_seed(data.get("noise_seed", 0), "noise_seed", source)
+            entry = replace(JOINT_ENTRIES[name], name=f"joints.{joint}.{name}")
+            attributes[name][index] = _checked(entry, value, source)
+    for name, entry in others.items():
+        attributes[name] = _checked(entry, data.get(name, entry.default), source)
     imperfections = Imperfections(**attributes)
     check_fit(imperfections, robot, source)
     return imperfections
 
 
-def _check_entries(data: object, what: str, known: Collection[str], source: str) -> None:
-    """Refuse what is no mapping, or has a key of another name."""
+def _checked(entry: Setting, value: object, source: str) -> float:
+    try:
+        number: float = entry.checked(value)
+    except InvalidValue as error:
+        # YAML reads 20e-6 as a string.
+        hint = "; write 2.0e-5, not 2e-5" if isinstance(value, str) else ""
+        raise InvalidImperfections(source, f"{error}{hint}") from error
+    return number
+
+
+def _check_keys(data: object, what: str, known: Collection[str], source: str) -> None:
+    """Refuse what is no mapping, or has an unknown key."""
     names = ", ".join(known)
     if not isinstance(data, Mapping):
         raise InvalidImperfections(source, f"{what} is not a mapping; its keys are {names}")
@@ -393,81 +329,94 @@ def _check_entries(data: object, what: str, known: Collection[str], source: str)
             )
 
 
-#: The entry of a joint or of a measurement that each magnitude is of.
-_ENTRY_OF: Final = {
-    "joint_zero_error": "joint_zero",
-    "link_length_error": "link_length",
-    "link_twist_error": "link_twist",
-    "transmission_error": "transmission_amplitude",
-    "backlash": "backlash",
-    "position_noise": "position_noise",
-    "orientation_noise": "orientation_noise",
-    "dropped_measurements": "dropped",
-}
-_ENTRIES: Final = {**JOINT_ENTRIES, **MEASUREMENT_ENTRIES}
-
-#: What each magnitude may be.
-MAGNITUDES: Final[dict[str, Range]] = {
-    name: Range(0.0, _ENTRIES[entry].upper, _ENTRIES[entry].unit)
-    for name, entry in _ENTRY_OF.items()
-}
-
-
 @dataclass(frozen=True)
 class ImperfectionMagnitudes:
-    """How large drawn imperfections are; by default about those of an arm as delivered.
+    """Magnitudes of random imperfections; by default about those of an arm as delivered.
 
-    Attributes:
-        joint_zero_error: largest error of a joint's zero [rad].
-        link_length_error: largest error of a link's length and of a joint's offset [m].
-        link_twist_error: largest error of a link's twist [rad].
-        transmission_error: largest amplitude of the periodic error of a joint that turns [rad].
-        backlash: largest backlash of a joint [rad or m].
-        position_noise: standard deviation of a measured position, per axis [m].
-        orientation_noise: standard deviation of a measured orientation, about each axis [rad].
-        dropped_measurements: probability that a measurement is not reported.
+    Raises:
+        InvalidValue: naming the magnitude, its value and what is allowed.
     """
 
-    joint_zero_error: float = math.radians(0.5)
-    link_length_error: float = 1e-3
-    link_twist_error: float = math.radians(0.3)
-    transmission_error: float = math.radians(0.2)
-    backlash: float = 0.0
-    position_noise: float = 20e-6
-    orientation_noise: float = math.radians(0.002)
-    dropped_measurements: float = 0.0
+    joint_zero_error: float = setting(
+        math.radians(0.5),
+        "Largest random error of the zero of a joint.",
+        unit="rad",
+        minimum=0.0,
+        maximum=LARGEST_ANGLE,
+    )
+    link_length_error: float = setting(
+        1e-3,
+        "Largest random error of the length of a link, and of the offset of a joint along its "
+        "axis.",
+        unit="m",
+        minimum=0.0,
+        maximum=LARGEST_LENGTH,
+    )
+    link_twist_error: float = setting(
+        math.radians(0.3),
+        "Largest random error of the twist of a link.",
+        unit="rad",
+        minimum=0.0,
+        maximum=LARGEST_ANGLE,
+    )
+    transmission_error: float = setting(
+        math.radians(0.2),
+        "Largest random amplitude of the periodic transmission error of a revolute joint.",
+        unit="rad",
+        minimum=0.0,
+        maximum=LARGEST_ANGLE,
+    )
+    backlash: float = setting(
+        0.0,
+        "Largest random backlash of a joint.",
+        unit="rad or m",
+        minimum=0.0,
+        maximum=LARGEST_LENGTH,
+    )
+    position_noise: float = setting(
+        20e-6,
+        "Standard deviation of a measured position along each axis.",
+        unit="m",
+        minimum=0.0,
+        maximum=LARGEST_LENGTH,
+    )
+    orientation_noise: float = setting(
+        math.radians(0.002),
+        "Standard deviation of a measured orientation about each axis.",
+        unit="rad",
+        minimum=0.0,
+        maximum=LARGEST_ANGLE,
+    )
+    dropped_measurements: float = setting(
+        0.0, "Probability that a measurement is lost.", minimum=0.0, maximum=1.0
+    )
 
     def __post_init__(self) -> None:
-        """Refuse what is out of range.
-
-        Raises:
-            InvalidImperfections: naming the magnitude, its value and what is allowed.
-        """
-        for name, allowed in MAGNITUDES.items():
-            allowed.check(getattr(self, name), name, "to draw")
+        """Refuse magnitudes out of range."""
+        check_settings(self)
 
 
-def drawn_imperfections(
+def random_imperfections(
     robot: Robot, seed: int, magnitudes: ImperfectionMagnitudes | None = None
 ) -> Imperfections:
-    """The imperfections that a seed gives an arm, each uniformly within its magnitude.
+    """Random imperfections of an arm, reproducible by seed, each uniform within its magnitude.
 
-    To change one magnitude leaves what is drawn for the others as it is.
+    Changing one magnitude leaves the random draws of the others as they are.
 
     Args:
         robot: the arm; the number and types of its joints count.
-        seed: from 0 on.
-        magnitudes: how large; None: as by default.
+        seed: from 0 to :data:`LARGEST_SEED`.
+        magnitudes: None: the defaults.
 
     Raises:
-        InvalidImperfections: if the seed is out of range.
-        UnsupportedRobotForImperfections: if the robot is not an arm.
+        InvalidImperfections: if the robot is not an arm.
+        InvalidValue: if the seed is out of range.
     """
     check_arm(robot)
-    check_seed(seed, "the seed", "to draw")
+    seed = Setting("seed", 0, "", minimum=0, maximum=LARGEST_SEED).checked(seed)
     magnitudes = magnitudes or ImperfectionMagnitudes()
     rng = np.random.default_rng(seed)
-    # Rows beyond these belong after them, or the same seeds would give other robots.
+    # Further rows must follow these, or the same seeds would give other robots.
     zero, offset, length, twist = rng.uniform(-1.0, 1.0, (4, robot.dof))
     amplitude, phase, backlash = rng.uniform(0.0, 1.0, (3, robot.dof))
     turns = np.array([kind == "revolute" for kind in robot.joint_types])

@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, InvalidValue
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.library import load_robot
@@ -25,7 +25,6 @@ from annik_core.simulation.imperfections import Imperfections
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
 from annik_ros.fake_robot.parameters import FakeRobotParameters
-from annik_ros.parameters import InvalidParameter
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.run_node import run_node
 from annik_ros.throttle import Throttle
@@ -178,8 +177,10 @@ def _refusal_reason(error: AnnikError) -> str:
 def _load(parameters: FakeRobotParameters) -> Robot:
     frames = [name for name in ("base_frame", "end_effector_frame") if getattr(parameters, name)]
     if parameters.model and frames:
-        raise InvalidParameter(
-            frames[0], getattr(parameters, frames[0]), "empty beside model, which has its own"
+        raise InvalidValue(
+            frames[0],
+            getattr(parameters, frames[0]),
+            "empty together with model, which has its own",
         )
     if parameters.model:
         return load_model(parameters.model).robot

@@ -30,7 +30,6 @@ from annik_ros.diagnostics import (
     outcome_report,
     time_values,
 )
-from annik_ros.executor_choice import ExecutorChoice
 from annik_ros.ik_node.parameters import IkNodeParameters, OnRefusal
 from annik_ros.ik_node.publishers import CommandPublishers
 from annik_ros.ik_node.services import RELOAD_MODEL
@@ -274,7 +273,7 @@ class IkNode(ManagedNode):
         serving.server.record_latency(time.perf_counter() - arrival)
 
     def _refused(self, serving: Serving, refusal: IkResult) -> None:
-        if self.options.on_refusal == OnRefusal.HOLD.value:
+        if self.options.on_refusal is OnRefusal.HOLD:
             serving.publishers.repeat()
         self._warn(refusal)
 
@@ -325,7 +324,7 @@ class IkNode(ManagedNode):
             summary.outcomes,
             artifact.robot.name,
             {**state, **model, **time_values(summary), **expected_error_values(summary)},
-            self.options.expected_rate if self._active else 0.0,
+            self.options.command_safety.expected_rate if self._active else 0.0,
         )
 
 
@@ -350,7 +349,7 @@ def main(args: list[str] | None = None) -> int:
         NODE_NAME,
         IkNode,
         args,
-        executor=lambda node: make_executor(ExecutorChoice(node.options.executor)),
+        executor=lambda node: make_executor(node.options.executor),
         on_error=IkNode.on_error_of_callback,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from itertools import chain, cycle, repeat
+from itertools import chain, repeat
 
 from geometry_msgs.msg import Pose, PoseStamped
 from rclpy.clock import Clock, ClockType
@@ -16,10 +16,8 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from annik_core.errors import AnnikError
-from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
-from annik_core.target_paths import circle_path, csv_path, diagonal_path, line_path
+from annik_core.pose import FloatArray
 from annik_ros.declare_parameters import declare_parameters
-from annik_ros.parameters import InvalidParameter
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.run_node import run_node
 from annik_ros.target_publisher.parameters import TargetPublisherParameters
@@ -80,7 +78,11 @@ class TargetPublisher(Node):
         super().__init__(NODE_NAME)
         self.finished = Future()
         self._options = declare_parameters(self, TargetPublisherParameters)
-        self._targets = _targets(self._options)
+        path = self._options.path.poses()
+        loops = self._options.loops
+        self._targets: Iterator[FloatArray] = chain.from_iterable(
+            repeat(path) if loops == 0 else repeat(path, loops)
+        )
         self._published = 0
         self._subscribers = 0
         self._settled_at = 0.0
@@ -93,7 +95,7 @@ class TargetPublisher(Node):
         self._deadline = time.monotonic() + self._options.wait_timeout
         self._timer = self._every(POLL_PERIOD, self._wait_for_subscribers)
         self.get_logger().info(
-            f"path {self._options.path} on {topic.name}: waiting for "
+            f"path {self._options.path.path.value} on {topic.name}: waiting for "
             f"{self._options.wait_for_subscribers} subscriber(s)"
         )
 
@@ -143,36 +145,6 @@ class TargetPublisher(Node):
                 self.finished.set_result(None)
         elif time.monotonic() > self._deadline:
             raise DeliveryNotConfirmed(self._publisher.topic_name, DELIVERY_TIMEOUT)
-
-
-def _targets(parameters: TargetPublisherParameters) -> Iterator[FloatArray]:
-    path = _path(parameters)
-    if parameters.loops == 0:
-        return cycle(path)
-    return chain.from_iterable(repeat(path, parameters.loops))
-
-
-def _path(parameters: TargetPublisherParameters) -> FloatArray:
-    if parameters.path == "line":
-        start = pose_from_roll_pitch_yaw(
-            parameters.line_from_position, parameters.line_from_roll_pitch_yaw
-        )
-        end = pose_from_roll_pitch_yaw(
-            parameters.line_to_position, parameters.line_to_roll_pitch_yaw
-        )
-        return line_path(start, end, parameters.points)
-    if parameters.path == "circle":
-        return circle_path(
-            parameters.circle_centre,
-            parameters.circle_radius,
-            parameters.circle_roll_pitch_yaw,
-            parameters.points,
-        )
-    if parameters.path == "csv":
-        if not parameters.csv_file:
-            raise InvalidParameter("csv_file", "", "the path of a file, if path is csv")
-        return csv_path(parameters.csv_file)
-    return diagonal_path(parameters.points)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from annik_core.errors import AnnikError
-from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.parameters import ExecutorChoice
 from annik_ros.qos import reliable
 from annik_ros.run_node import make_executor
 from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, TARGET_POSE

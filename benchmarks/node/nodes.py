@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.parameters import ExecutorChoice
 from annik_ros.processes import ChildProcess
 
 _MODULES = {"ik_node": "annik_ros.ik_node.node", "null_node": "benchmarks.node.null_node"}

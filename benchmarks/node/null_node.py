@@ -8,7 +8,7 @@ from geometry_msgs.msg import Pose
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.parameters import ExecutorChoice
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.run_node import make_executor, run_node
 from msg_tools.topics import JOINT_COMMAND, TARGET_POSE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.parameters import ExecutorChoice
 from benchmarks.node.nodes import NULL, NodeVariant
 from benchmarks.node.results import NodeBenchResults, RoundTripResult
 from benchmarks.node.settings import QUICK, NodeBenchSettings

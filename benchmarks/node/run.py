@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from annik_ros.executor_choice import ExecutorChoice
+from annik_ros.parameters import ExecutorChoice
 from benchmarks.node.client import Client
 from benchmarks.node.memory import measure_memory
 from benchmarks.node.nodes import NULL, NodeVariant

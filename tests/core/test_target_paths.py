@@ -10,12 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, InvalidValue
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.robots.library import load_robot
 from annik_core.target_paths import (
-    InvalidPathOption,
-    TargetPathError,
     UnreadableTargetFile,
     circle_path,
     csv_path,
@@ -70,8 +68,9 @@ def test_a_path_has_two_points_at_least(points: int) -> None:
         lambda: line_path(pose, pose, points),
         lambda: circle_path((0, 0, 0), 1.0, (0, 0, 0), points),
     ):
-        with pytest.raises(InvalidPathOption, match="points"):
+        with pytest.raises(InvalidValue) as caught:
             make()
+        assert (caught.value.name, caught.value.value) == ("points", points)
 
 
 def test_a_line_is_straight_and_even() -> None:
@@ -122,8 +121,9 @@ def test_laps_of_a_circle_join() -> None:
 @pytest.mark.parametrize("radius", [0.0, -1.0, np.nan, np.inf])
 def test_a_circle_needs_a_radius(radius: float) -> None:
     """Zero and what is not a number are refused."""
-    with pytest.raises(InvalidPathOption, match="radius"):
+    with pytest.raises(InvalidValue) as caught:
         circle_path((0, 0, 0), radius, (0, 0, 0), 5)
+    assert caught.value.name == "radius"
 
 
 @pytest.mark.parametrize("points", [2, 100])
@@ -183,11 +183,11 @@ def test_a_bad_file_is_refused_with_the_line(
 
 def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path: Path) -> None:
     """As an error of the path, not of Python."""
-    with pytest.raises(TargetPathError, match="not readable"):
+    with pytest.raises(UnreadableTargetFile, match="not readable"):
         csv_path(tmp_path / "none.csv")
-    with pytest.raises(TargetPathError, match="not readable"):
+    with pytest.raises(UnreadableTargetFile, match="not readable"):
         csv_path(tmp_path)
     binary = tmp_path / "targets.csv"
     binary.write_bytes(b"\x89ONNX\xff\xfe\x00")
-    with pytest.raises(TargetPathError):
+    with pytest.raises(UnreadableTargetFile):
         csv_path(binary)

@@ -20,7 +20,7 @@ from annik_core.dataset import MEASURED, Dataset, load_dataset, save_dataset
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot
 from annik_core.simulation.fake_robot import FakeRobot
-from annik_core.simulation.imperfections import ImperfectionMagnitudes, drawn_imperfections
+from annik_core.simulation.imperfections import ImperfectionMagnitudes, random_imperfections
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES
 from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.pose import pose_stamped_from_array
@@ -126,7 +126,7 @@ def test_a_plan_is_measured_on_a_robot_that_is_not_as_described(
     assert (dataset.joint_positions == plan.joint_positions).all()
     assert dataset.source == MEASURED
     magnitudes = ImperfectionMagnitudes(**{**NOISELESS, **noise})
-    real = FakeRobot(plan.robot, drawn_imperfections(plan.robot, SEED, magnitudes))
+    real = FakeRobot(plan.robot, random_imperfections(plan.robot, SEED, magnitudes))
     poses = np.array([real.move_to(positions) for positions in plan.joint_positions])
     distances, angles = pose_distance(poses, dataset.poses)
     assert dataset.measurement_noise is not None
@@ -231,7 +231,7 @@ def test_examples_that_can_not_be_measured_are_reported_and_the_others_kept(
     """Those further from the description than allowed."""
     robot = FakeRobot(
         plan.robot,
-        drawn_imperfections(plan.robot, SEED, ImperfectionMagnitudes(**NOISELESS)),
+        random_imperfections(plan.robot, SEED, ImperfectionMagnitudes(**NOISELESS)),
     )
     poses = np.array([robot.move_to(positions) for positions in plan.joint_positions])
     deviations = np.sort(pose_distance(plan.poses, poses)[0])

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import load_robot
-from annik_core.simulation.imperfections import JOINT_ENTRIES, drawn_imperfections
+from annik_core.simulation.imperfections import JOINT_ENTRIES, random_imperfections
 from msg_tools.bags.reader import read_bag
 from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.pose import pose_to_array
@@ -205,7 +205,7 @@ def test_neither_log_nor_diagnostics_nor_parameters_tell_the_errors(
     assert values["robot definition sha256"] == UR5E.definition_hash[:12]
     del values["robot definition sha256"]
     told = re.sub(r"\[\d+\.\d+\]", "[time]", node.log) + str(values)
-    drawn = drawn_imperfections(UR5E, 5)
+    drawn = random_imperfections(UR5E, 5)
     for name in set(JOINT_ENTRIES) - {"backlash"}:
         for amount in getattr(drawn, name):
             digits = re.sub(r"^[0.]*", "", f"{abs(amount):.12f}")[:4]
