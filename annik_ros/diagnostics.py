@@ -18,12 +18,12 @@ from annik_ros.diagnostic_values import LEAST_RATE, MANY
 from msg_tools.conversions.stamp import stamp_from_nanoseconds
 from msg_tools.topics import DIAGNOSTICS
 
-#: Time between two reports [s].
+#: Time from one report to the next [s].
 DIAGNOSTICS_PERIOD = 1.0
 
 
 class Level(IntEnum):
-    """How serious a report is, as ``diagnostic_msgs/DiagnosticStatus`` counts."""
+    """How serious a report is: the levels of ``diagnostic_msgs/DiagnosticStatus``."""
 
     OK = 0
     WARN = 1
@@ -32,13 +32,13 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class DiagnosticReport:
-    """What a node says of itself.
+    """The report of a node.
 
     Attributes:
-        level: whether a person should look.
+        level: how serious it is.
         message: one line.
-        hardware_id: the robot that it is about.
-        values: everything else, as text by name.
+        hardware_id: the robot.
+        values: further values, as text by key.
     """
 
     level: Level
@@ -54,18 +54,14 @@ def outcome_report(
     values: Mapping[str, str],
     expected_rate: float = 0.0,
 ) -> DiagnosticReport:
-    """The report of a node that accepts or refuses what it receives.
-
-    A warning if the last period had a refusal, or came at less than four fifths of the expected
-    rate. An error if it had ten refusals or more and nothing was accepted, or if nothing came at
-    all and something was expected.
+    """The report of a node that accepts or refuses messages; for its level see ``LEVELS``.
 
     Args:
         what: what is received, in the singular, such as ``target``.
-        outcomes: what became of it.
+        outcomes: the counts.
         hardware_id: the robot.
-        values: what else to report, before the counts.
-        expected_rate: how many should come [Hz]; 0: not known.
+        values: further values, before the counts.
+        expected_rate: [Hz]; 0: unknown.
     """
     level, message = _verdict(what, outcomes, expected_rate)
     counts = {
@@ -112,7 +108,7 @@ def time_values(summary: SolveSummary) -> dict[str, str]:
 
 
 def expected_error_values(summary: SolveSummary) -> dict[str, str]:
-    """The expected errors of a summary as diagnostic values; ``nan`` where nobody knows."""
+    """The expected errors of a summary as diagnostic values; ``nan`` if unknown."""
     return {
         f"expected error {key} [mm]": f"{1e3 * value:.4f}"
         for key, value in summary.expected_error._asdict().items()
@@ -120,7 +116,7 @@ def expected_error_values(summary: SolveSummary) -> dict[str, str]:
 
 
 def diagnostic_array(report: DiagnosticReport, name: str, stamp: Time) -> DiagnosticArray:
-    """The message of a report, under the name of its source."""
+    """The message of a report, under the name of the node."""
     status = DiagnosticStatus(
         level=bytes([report.level]),
         name=name,
@@ -132,19 +128,19 @@ def diagnostic_array(report: DiagnosticReport, name: str, stamp: Time) -> Diagno
 
 
 class DiagnosticsPublisher:
-    """Asks for a report once a second of real time, and publishes it."""
+    """Publishes a report once a second of real time."""
 
     def __init__(self, node: Node, report: Callable[[], DiagnosticReport]) -> None:
         """Publish what ``report`` returns, under the full name of ``node``."""
         self._node = node
         self._report = report
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.name, 10)
-        # Simulated time may stand still; the report must not.
+        # Simulated time may stand still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(DIAGNOSTICS_PERIOD, self._publish, clock=steady)
 
     def _publish(self) -> None:
         name = self._node.get_fully_qualified_name().lstrip("/")
-        # A simulated clock may show a time that is too late for any message.
+        # A simulated time may be too late for a message.
         stamp = stamp_from_nanoseconds(min(self._node.get_clock().now().nanoseconds, LAST_STAMP))
         self._publisher.publish(diagnostic_array(self._report(), name, stamp))

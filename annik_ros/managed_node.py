@@ -1,4 +1,4 @@
-"""A life-cycle node that survives what rclpy's own does not."""
+"""A life-cycle node that survives impossible transitions and logs errors, unlike rclpy's."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str) -> None:
         """Make a node in the state ``unconfigured``."""
         super().__init__(name)
-        # In Jazzy a request for a transition that the present state does not have raises, which
-        # ends the process that spins the node.
+        # In Jazzy a request for a transition that is not possible in the present state raises,
+        # which ends the process.
         service = self._service_change_state
         self._change_state = service.callback
         service.callback = self._on_change_state
@@ -43,7 +43,7 @@ class ManagedNode(LifecycleNode):
 
 
 def logged(transition: Transition) -> Transition:
-    """A transition callback whose exceptions are logged; rclpy drops them without a word."""
+    """A transition callback whose exceptions are logged; rclpy drops them silently."""
 
     def run(node: ManagedNode, state: LifecycleState) -> TransitionCallbackReturn:
         try:

@@ -1,4 +1,4 @@
-"""Where the robot is, by the newest joint states that name all of its joints."""
+"""Measured joint positions, from the newest joint states that name all joints of the robot."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from annik_core.pose import FloatArray
 from msg_tools.conversions.joint_state import joint_state_to_array
 from msg_tools.topics import JOINT_STATES
 
-#: How many messages to look through: others may publish the states of a gripper in between.
+#: How many messages are kept: another publisher may send the states of a gripper in between.
 _KEPT: Final = 20
 
 
 class MeasuredJointPositions:
-    """Keeps the newest joint states as they came, and reads them only when asked.
+    """Keeps the newest joint states undecoded, and decodes them on request.
 
-    A robot publishes its state hundreds of times a second; few commands ask for it.
+    A robot publishes its state hundreds of times a second; few commands need it.
 
     Attributes:
-        timeout: what came longer ago than this counts for nothing [s].
+        timeout: older measurements are ignored [s].
     """
 
     def __init__(self, node: Node, joint_names: tuple[str, ...], timeout: float) -> None:
@@ -40,18 +40,15 @@ class MeasuredJointPositions:
         )
 
     def __call__(self) -> FloatArray | None:
-        """The joint positions ``(dof,)`` [rad or m] of the newest message that has them all.
+        """The joint positions ``(dof,)`` [rad or m] of the newest message with all joints.
 
-        None if there is none, or only such as are too old.
+        None if there is none, or it is too old.
         """
         newest = self.newest()
         return None if newest is None else newest[1]
 
     def newest(self) -> tuple[float, FloatArray] | None:
-        """When the newest message that has all joints came [s, monotonic], and their positions.
-
-        None likewise.
-        """
+        """Time of arrival [s, monotonic] and joint positions of that message; None likewise."""
         oldest = time.monotonic() - self.timeout
         for arrival, data in reversed(self._kept):
             if arrival < oldest:
@@ -63,7 +60,7 @@ class MeasuredJointPositions:
 
     @property
     def topic_name(self) -> str:
-        """The topic that it reads, with the namespace and as it is remapped."""
+        """The topic with its namespace, after remapping."""
         return str(self._subscription.topic_name)
 
     def destroy(self) -> None:
@@ -78,5 +75,5 @@ class MeasuredJointPositions:
             message = deserialize_message(data, JointState)
             return joint_state_to_array(message, self._joint_names)
         except (AnnikError, RuntimeError, ValueError):
-            # Not for this robot, or not a joint state at all; an older one may do.
+            # Of another robot, or not a joint state; an older message may have all joints.
             return None

@@ -1,10 +1,10 @@
-"""Qualities of service that the nodes share."""
+"""Quality of service of the nodes."""
 
 from __future__ import annotations
 
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-#: Results are few and each matters: none is left out unless a reader is this far behind.
+#: Depth for results: none is dropped unless a subscriber is this many messages behind.
 RESULT_DEPTH = 1000
 
 

@@ -1,9 +1,4 @@
-"""The process of a node: signals, executors, exit code.
-
-Executors of rclpy, and the loop that drives any of them.
-
-Run one node as a process: exit code 0 when it is asked to end, 1 when it can't do its job.
-"""
+"""The process of a node: signals, executor, exit code."""
 
 from __future__ import annotations
 
@@ -24,12 +19,12 @@ from rclpy.task import Future
 from annik_core.errors import AnnikError
 from annik_ros.parameters import ExecutorChoice
 
-#: Longest wait for work [s]. Jazzy's events executor calls nobody back unless its wait is finite.
+#: Longest wait for work [s]. The events executor of Jazzy runs callbacks only with a finite wait.
 _LONGEST_WAIT: Final = 0.5
 
 
 def make_executor(choice: ExecutorChoice) -> Executor:
-    """A new executor; rclpy's default one where this rclpy has no events executor yet."""
+    """A new executor; the default one of rclpy if it has no events executor."""
     if choice is ExecutorChoice.EVENTS:
         try:
             # Experimental, and not in the first releases of Jazzy.
@@ -49,13 +44,13 @@ def spin(
     finished: Future | None = None,
     on_error: Callable[[Exception], None] | None = None,
 ) -> None:
-    """Call nodes back until ``finished`` is done or the context is shut down.
+    """Run callbacks until ``finished`` is done or the context is shut down.
 
     Args:
         executor: has the nodes.
         finished: None: never.
-        on_error: told of an error of a callback, of ours or of rclpy's own, after which the
-            nodes go on; None: it is raised.
+        on_error: receives the error of a callback, after which the nodes continue; None: it is
+            raised.
 
     Raises:
         AnnikError: from a callback, which ends the process on purpose.
@@ -78,16 +73,16 @@ AnyNode = TypeVar("AnyNode", bound=Node)
 
 
 def initialise(name: str, args: list[str] | None = None) -> bool:
-    """Initialise rclpy; False after one line on what is wrong with the command line.
+    """Initialise rclpy; False after one line on the fault of the command line.
 
     Args:
-        name: what to call the node, which does not exist yet.
+        name: name of the node, for the log.
         args: the command line; None means that of the process.
     """
     try:
         rclpy.init(args=args)
     except RuntimeError as error:
-        # rclpy has no public name for its complaints about ROS arguments; there is no log yet.
+        # rclpy has no public class for faults of ROS arguments; there is no log yet.
         print(f"[FATAL] [{name}]: {one_line(error)}", file=sys.stderr)
         return False
     return True
@@ -104,18 +99,18 @@ def run_node(
     """Make a node and spin it until SIGINT, SIGTERM, its own end, or a fault.
 
     Args:
-        name: what to call the node in the log before it exists.
-        make_node: makes it; may raise an :class:`AnnikError` for a fault of set-up.
+        name: name of the node in the log before it exists.
+        make_node: makes it; may raise an :class:`AnnikError` for a fault of the set-up.
         args: the command line; None means that of the process.
-        finished: gives the future of the node that is done when its job is; None: never.
-        executor: makes what calls the node back.
-        on_error: told of an error in a callback, after which the node goes on; None: it ends.
+        finished: the future of the node that is done when its work is; None: never.
+        executor: makes the executor.
+        on_error: receives the error of a callback, after which the node continues; None: it ends.
 
     Returns:
-        The exit code: 0, or 1 after one line on what is wrong.
+        The exit code: 0, or 1 after one line on the fault.
     """
-    # A signal that comes while things are half made waits until they are whole: the middleware
-    # and the events executor would take it for a fault, or end the process.
+    # Signals wait until everything is made: the middleware and the events executor would take
+    # them for a fault, or end the process.
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     if not initialise(name, args):
         return 1
@@ -134,7 +129,7 @@ def run_node(
         get_logger(name).fatal(one_line(error))
         return 1
     except RuntimeError:
-        # A signal ends the context at once: whatever was being made or published then fails.
+        # A signal ends the context at once; what is being made or published then fails.
         if rclpy.ok():
             raise
     finally:
@@ -150,7 +145,7 @@ def _spin(
     finished: Future | None,
     on_error: Callable[[Exception], None] | None,
 ) -> None:
-    # What was made up to now stays: looking through it again and again would only delay targets.
+    # Later collections skip what exists now, so that they do not delay targets.
     gc.collect()
     gc.freeze()
     try:
@@ -162,5 +157,5 @@ def _spin(
 
 
 def one_line(error: Exception) -> str:
-    """What an error says, without the line breaks of those who raised it."""
+    """The message of an error without line breaks."""
     return " ".join(str(error).split())

@@ -1,4 +1,4 @@
-"""Let something happen at most once in a while."""
+"""Limit how often something happens."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ import time
 
 
 class Throttle:
-    """Says when it is time again.
+    """Allows something once in a period.
 
-    rclpy's logger has a throttle too, but looks its caller up in the source files before it asks:
-    that takes several times as long as to answer a target, and in a flood of bad ones the good
-    ones would wait for it.
+    The throttle of rclpy's logger looks its caller up in the source files each time, which takes
+    several times as long as solving a target.
     """
 
     def __init__(self, period: float) -> None:
-        """``period``: least time from one to the next [s]."""
+        """``period``: least time between two occurrences [s]."""
         self._period = period
         self._next = -math.inf
 
     def is_due(self) -> bool:
-        """Whether it is time; if so, the next is a period away."""
+        """Whether a period has passed since the last True."""
         now = time.monotonic()
         if now < self._next:
             return False

@@ -1,4 +1,4 @@
-"""The node that records topics of annik, or any others, into a bag."""
+"""The node that records the topics of annik, or others, into a bag."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from msg_tools.topics import TOPICS
 
 NODE_NAME: Final = "bag_recorder"
 
-#: Messages that wait in a subscription while the disk is slow.
+#: Depth of the subscriptions, for a slow disk.
 QUEUE_DEPTH: Final = 1000
 
 _TYPES: Final = {topic.name: topic.type for topic in TOPICS}
 
 
 class TypeNotRecordable(AnnikError):
-    """Messages of a type can't be received, or not be described in a bag."""
+    """Messages of a type can't be received, or their definition is unknown."""
 
     def __init__(self, message_type: str, reason: str) -> None:
         self.message_type = message_type
@@ -56,14 +56,14 @@ class TypeNotRecordable(AnnikError):
 
 
 class BagRecorder(Node):
-    """Subscribes to topics and writes what comes, undecoded, with send and receive times.
+    """Subscribes to topics and writes their messages undecoded, with send and receive times.
 
     Attributes:
-        finished: a future that is done, with the exit code, when recording is over by itself.
+        finished: done, with the exit code, when recording ends by itself.
     """
 
     def __init__(self) -> None:
-        """Create the bag and subscribe to what has a known type.
+        """Create the bag and subscribe to the topics of known type.
 
         Raises:
             AnnikError: if a parameter is wrong or the bag can't be created.
@@ -81,7 +81,7 @@ class BagRecorder(Node):
         self._duration = options.duration
         default_output = f"annik_bag_{datetime.now():%Y-%m-%d_%H-%M-%S}"
         self._writer = BagWriter(Path(options.output or default_output))
-        # A steady clock, so that neither simulated time nor a set clock stops the flushing.
+        # A steady clock: simulated or changed time must not stop the flushing.
         self._timer = self.create_timer(
             FLUSH_INTERVAL, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -97,11 +97,11 @@ class BagRecorder(Node):
 
     @property
     def summary(self) -> str:
-        """What was recorded, in one line."""
+        """One line on what was recorded."""
         return f"recorded {self._writer.message_count} messages to {self._writer.directory}"
 
     def _resolved(self, name: str) -> str:
-        # Checked first: resolving a wrong name fails without saying which one it was.
+        # Resolving an invalid name fails without naming it.
         validate_topic_name(name)
         return self.resolve_topic_name(name)
 
@@ -151,7 +151,7 @@ class BagRecorder(Node):
             )
 
     def _subscribe(self, topic: str, message_type: str) -> None:
-        """Subscribe in a way that suits the publishers there are; replaces an earlier one.
+        """Subscribe with a QoS that the present publishers can serve; replaces an earlier one.
 
         Raises:
             TypeNotRecordable: if messages of this type can't be received or stored.
@@ -167,7 +167,7 @@ class BagRecorder(Node):
         self._subscriptions_by_topic[topic] = self.create_subscription(
             message_class,
             topic,
-            # rclpy counts the arguments: two ask for the times of the message too.
+            # With a second argument rclpy passes the times of the message too.
             lambda message, info: self._on_message(topic, message, info),
             _subscription_qos(self.get_publishers_info_by_topic(topic)),
             event_callbacks=events,
@@ -177,7 +177,7 @@ class BagRecorder(Node):
     def _on_message(self, topic: str, message: bytes, info: dict[str, int]) -> None:
         if self.finished.done():
             return
-        # Never backwards, also if the clock is set: readers of unfinished bags rely on the order.
+        # Never decreasing, even if the clock is set: readers of unfinished bags need the order.
         self._last_log_time = max(time.time_ns(), self._last_log_time)
         try:
             if topic not in self._writer:
@@ -206,7 +206,7 @@ def _message_class(message_type: str) -> type[object]:
     package, folder, name = message_type.split("/")
     try:
         message_class: type[object] = getattr(import_module(f"{package}.{folder}"), name)
-    # Of the packages that come with Jazzy, a machine may have only some.
+    # A machine may lack packages that come with Jazzy.
     except (ImportError, AttributeError) as error:
         raise TypeNotRecordable(
             message_type, f"is not installed here: {one_line(error)}"
@@ -215,7 +215,7 @@ def _message_class(message_type: str) -> type[object]:
 
 
 def _subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """Quality of service that all publishers can serve, as good as they allow."""
+    """The strictest quality of service that all publishers can serve."""
     profiles = [publisher.qos_profile for publisher in publishers]
     best_effort = any(x.reliability == ReliabilityPolicy.BEST_EFFORT for x in profiles)
     latched = bool(profiles) and all(
@@ -229,7 +229,7 @@ def _subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
 
 
 def _qos(profile: QoSProfile) -> Qos:
-    """A publisher's quality of service in the form in which a bag keeps it."""
+    """The quality of service of a publisher as a bag stores it."""
     return Qos(
         history=QosHistory[profile.history.name],
         depth=profile.depth,
@@ -248,7 +248,7 @@ def _qos_time(duration: Duration) -> QosTime:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Record until interrupted, for the wanted time, or until the disk refuses.
+    """Record until interrupted, for the given time, or until the bag can't be written.
 
     Args:
         args: command line, as ``rclpy.init`` takes it.
@@ -263,7 +263,7 @@ def main(args: list[str] | None = None) -> int:
     exit_code = 0
     try:
         recorder = BagRecorder()
-        # Not EventsExecutor: on Jazzy it can't call back with a message's times.
+        # Not EventsExecutor: on Jazzy it can't pass the times of a message.
         rclpy.spin_until_future_complete(recorder, recorder.finished)
         exit_code = recorder.finished.result() or 0
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -271,7 +271,7 @@ def main(args: list[str] | None = None) -> int:
     except (AnnikError, NameValidationException) as error:
         errors.append(error)
     except RuntimeError:
-        # Interrupted while still starting: rclpy's calls fail in ways of their own.
+        # A signal during the start: calls of rclpy fail in many ways.
         if rclpy.ok():
             raise
     summary = None
@@ -281,7 +281,7 @@ def main(args: list[str] | None = None) -> int:
             summary = recorder.summary
         except NotWritable as error:
             errors.append(error)
-        # Before the last words: a node that is gone does not try to publish them to /rosout.
+        # Before the last log lines, which would otherwise be published on /rosout.
         recorder.destroy_node()
     logger = rclpy.logging.get_logger(NODE_NAME)
     for problem in errors:

@@ -14,15 +14,16 @@ class BagRecorderParameters:
 
     output: str = parameter(
         "",
-        "Folder of the bag, new or empty; empty: annik_bag_<date>_<time>, where it was started.",
+        "Folder of the bag, new or empty; none given: annik_bag_<date>_<time>, in the working "
+        "directory.",
     )
     topics: tuple[str, ...] = parameter(
         tuple(topic.name for topic in TOPICS),
-        "Topics to record, relative or absolute; by default all of annik's.",
+        "Topics to record, relative or absolute; by default all topics of annik.",
     )
     duration: float = parameter(
         0.0,
-        "How long to record once subscribed; 0: until stopped.",
+        "How long to record after subscribing; 0: until stopped.",
         unit="s",
         minimum=0.0,
         maximum=1e9,

@@ -1,4 +1,4 @@
-"""The node that drives a robot through a plan of examples and records where each one leads."""
+"""The node that moves a robot through a plan of examples and records the measured poses."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ NODE_NAME: Final = "example_collector"
 
 #: Least time between two warnings of refused poses [s].
 WARNING_PERIOD: Final = 1.0
-#: Time between two looks at whether everybody is there [s].
+#: Period of checks whether robot and tracker are there [s].
 POLL_PERIOD: Final = 0.05
-#: Time from when everybody is there to the first command [s]: a subscriber is known to us before
-#: we are known to it, and a command that got lost would look as if the robot did not obey.
+#: Time from then to the first command [s]: a subscriber is known here before this publisher is
+#: known there, and a lost command would look like a robot that does not follow.
 MEETING_TIME: Final = 1.0
-#: Commands that may wait in a subscriber: an old one is worth nothing.
+#: Depth of the commands: old ones are useless.
 COMMAND_DEPTH: Final = 10
 
 
 class RobotNotReady(AnnikError):
-    """What the collector needs did not come in time."""
+    """Topics that the collector needs are missing after the timeout."""
 
     def __init__(self, missing: tuple[str, ...], timeout: float) -> None:
         self.missing = missing
@@ -74,17 +74,17 @@ class WrongPoseFrame(AnnikError):
 
 
 class RepeatedPose(AnnikError):
-    """A measured pose has the stamp of the one before: it is the same measurement."""
+    """A measured pose has the stamp of the previous one: it is the same measurement."""
 
     def __init__(self, nanoseconds: int) -> None:
         self.nanoseconds = nanoseconds
         super().__init__(
-            f"{MEASURED_POSE.name} has the stamp of the one before it, {nanoseconds} ns: to "
-            "average one measurement with itself says nothing"
+            f"{MEASURED_POSE.name} has the stamp of the previous one, {nanoseconds} ns: one "
+            "measurement is not averaged with itself"
         )
 
 
-#: What each refusal of a measured pose is counted as.
+#: The counted reason of each refusal of a measured pose.
 _REFUSAL_REASONS: Final[dict[type[AnnikError], str]] = {
     NonFiniteValue: "not finite",
     NotUnitQuaternion: "not a unit quaternion",
@@ -94,7 +94,7 @@ _REFUSAL_REASONS: Final[dict[type[AnnikError], str]] = {
 
 
 class ExampleCollector(Node):
-    """Waits for the robot and the tracker, then drives and measures until the plan is done.
+    """Waits for robot and tracker, then moves and measures until the plan is done.
 
     Attributes:
         finished: done when the process may end.
@@ -128,7 +128,7 @@ class ExampleCollector(Node):
         self._publisher = self.create_publisher(
             JointState, JOINT_COMMAND.name, reliable(COMMAND_DEPTH)
         )
-        # Last, so that whatever is wrong before leaves no file behind.
+        # Last, so that an earlier error leaves no file.
         self._journal: CollectionJournal = open_journal(
             self._dataset_path, plan, self._settings.samples
         )
@@ -142,16 +142,16 @@ class ExampleCollector(Node):
         )
 
     def write_dataset(self) -> str:
-        """Write what was measured, and close the journal; needs no valid ROS context.
+        """Write the measured examples and close the journal; needs no valid ROS context.
 
         Returns:
-            What was written, in one line.
+            One line on what was written.
 
         Raises:
-            AnnikError: if the dataset can't be written. The journal has it all.
+            AnnikError: if the dataset can't be written. The journal has all measurements.
         """
         try:
-            # A signal may have come amid the record of an example.
+            # A signal may have interrupted the record of an example.
             self._journal.read_again()
             if not self._journal.examples:
                 return "nothing was measured, and no dataset written"
@@ -179,7 +179,7 @@ class ExampleCollector(Node):
             self._ready_since = now
         if measured is None or now - self._ready_since < MEETING_TIME:
             return
-        # By its name after remapping, which is not done to the name that is asked for.
+        # count_publishers does not remap names.
         topic = self._publisher.topic_name
         if self.count_publishers(topic) > 1:
             self.get_logger().warning(
@@ -189,7 +189,7 @@ class ExampleCollector(Node):
         self._begin(MeasuredJoints(*measured))
 
     def _missing(self, no_joint_states: bool) -> tuple[str, ...]:
-        """What there is to wait for, in words."""
+        """What is missing, in words."""
         joints = ", ".join(self._robot.joint_names)
         conditions = (
             (no_joint_states, f"{self._measured.topic_name} that has {joints}"),
@@ -226,7 +226,7 @@ class ExampleCollector(Node):
             self.finished.set_result(None)
 
     def _publish(self, command: FloatArray) -> None:
-        # A simulated clock may show a time that is too late for any message.
+        # A simulated time may be too late for a message.
         stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))
         self._publisher.publish(joint_state_from_array(command, self._robot.joint_names, stamp))
 
@@ -249,7 +249,7 @@ class ExampleCollector(Node):
         if frame not in ("", self._robot.base_frame):
             raise WrongPoseFrame(frame, self._robot.base_frame)
         nanoseconds = stamp_to_nanoseconds(message.header.stamp)
-        # Who has no clock leaves the stamp at zero.
+        # A publisher without a clock leaves the stamp at zero.
         if nanoseconds != 0 and nanoseconds == self._last_stamp:
             raise RepeatedPose(nanoseconds)
         self._last_stamp = nanoseconds
@@ -280,8 +280,7 @@ def main(args: list[str] | None = None) -> int:
         args: command line, as ``rclpy.init`` takes it.
 
     Returns:
-        0, or 1 if something can't be used, the robot did what it should not, or examples are
-        missing.
+        0, or 1 if something can't be used, the robot is at fault, or examples are missing.
     """
     collectors: list[ExampleCollector] = []
 
@@ -294,9 +293,9 @@ def main(args: list[str] | None = None) -> int:
     try:
         exit_code = run_node(NODE_NAME, make, args, lambda node: node.finished)
     finally:
-        # Who presses Ctrl-C twice wants the dataset too; nothing is left to be interrupted.
+        # A second Ctrl-C must not lose the dataset.
         signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-        # However it ended: also an error that nobody foresaw loses nothing.
+        # Also after an unexpected error.
         for collector in collectors:
             exit_code = max(exit_code, _write_dataset(collector, time.monotonic() - started))
     return exit_code

@@ -1,6 +1,6 @@
-"""The node that stands in for a robot: it does what it is told, and measures the error.
+"""The node that simulates a robot, perfect or imperfect, and publishes its tracking error.
 
-Where it stands in for an imperfect one, nothing that it publishes or logs says by what.
+It neither publishes nor logs the errors of an imperfect robot.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ WARNING_PERIOD = 1.0
 
 
 class FakeRobotNode(Node):
-    """Takes up every valid command at once, and publishes where that leads."""
+    """Moves to every valid command at once, and publishes the resulting pose."""
 
     def __init__(self) -> None:
         """Load the robot and wait for commands.
@@ -110,11 +110,11 @@ class FakeRobotNode(Node):
         self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
 
     def _measure(self) -> None:
-        """Publish where joints and end effector are measured to be, with one stamp."""
+        """Publish measured joint positions and pose, with one stamp."""
         robot = self._fake_robot.robot
-        # A simulated clock may show a time that is too late for any message.
+        # A simulated time may be too late for a message.
         stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))
-        # What the encoders show: they are before all that is imperfect.
+        # The encoders do not see the imperfections.
         self._state_publisher.publish(
             joint_state_from_array(self._fake_robot.joint_positions, robot.joint_names, stamp)
         )
@@ -158,7 +158,7 @@ class FakeRobotNode(Node):
         values = {
             "robot": robot.name,
             "robot definition sha256": robot.definition_hash[:12],
-            # Not "targets refused": that is the ik_node's count, by which a report finds it.
+            # Not "targets refused", which identifies the diagnostics of ik_node in a report.
             "accepted targets ignored": str(self._refused_targets),
             "targets without command": str(waiting_targets),
             "commands without target": str(waiting_commands),

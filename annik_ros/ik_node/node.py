@@ -55,7 +55,7 @@ WARNING_PERIOD = 1.0
 
 
 class Serving:
-    """What exists between configuring and cleaning up: a model, and how it is reached."""
+    """The model, the subscriptions and the publishers of a configured node."""
 
     def __init__(self, node: IkNode, options: IkNodeParameters) -> None:
         """Load the model and subscribe.
@@ -84,14 +84,14 @@ class Serving:
         ]
 
     def apply(self, options: IkNodeParameters) -> None:
-        """Take over what may change while targets come; between two of them."""
+        """Apply parameters that may change between two targets."""
         self.server.solver = options.solver(self.server.solver.artifact)
         self.server.safety = options.command_safety
         self.measured.timeout = options.measurement_timeout
         self.publishers.options = options
 
     def destroy(self) -> None:
-        """Take everything off the node."""
+        """Destroy subscriptions and publishers."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self.measured.destroy()
@@ -99,21 +99,20 @@ class Serving:
 
 
 class IkNode(ManagedNode):
-    """Answers every target with one joint command, or refuses it and says why.
+    """Publishes one joint command for every target, or refuses it with a reason.
 
     Attributes:
         options: the values of its parameters.
     """
 
     def __init__(self) -> None:
-        """Begin to serve, or to wait for transitions.
+        """Activate, or wait for transitions.
 
         Raises:
             AnnikError: if a parameter can't be used, or the model with autostart.
         """
         super().__init__(NODE_NAME)
-        # What reads model files takes a while to load: now that the node is there, the middleware
-        # meets the others meanwhile.
+        # Loading this module takes a while, in which the middleware discovers other nodes.
         import_module("annik_core.model.artifact")
         self.options = declare_parameters(self, IkNodeParameters)
         self._serving: Serving | None = None
@@ -136,7 +135,7 @@ class IkNode(ManagedNode):
 
     @logged
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the model; nothing is commanded yet."""
+        """Load the model and subscribe."""
         self._fault = None
         try:
             self._serving = Serving(self, self.options)
@@ -149,7 +148,7 @@ class IkNode(ManagedNode):
 
     @logged
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to command; the next command is a first one."""
+        """Begin to publish commands; the next one is checked as the first."""
         if self._serving is None:
             return TransitionCallbackReturn.FAILURE
         self._serving.server.forget_last_command()
@@ -164,26 +163,26 @@ class IkNode(ManagedNode):
 
     @logged
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command nothing more."""
+        """Publish no more commands."""
         self._active = False
         self.get_logger().info("inactive: targets are refused")
         return super().on_deactivate(state)
 
     @logged
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the model."""
+        """Release the model."""
         self._stop_serving()
         return super().on_cleanup(state)
 
     @logged
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the model for good."""
+        """Release the model for good."""
         self._stop_serving()
         return super().on_shutdown(state)
 
     @logged
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After an error in a transition: back to unconfigured."""
+        """Return to unconfigured after an error in a transition."""
         self._stop_serving()
         return super().on_error(state)
 
@@ -194,7 +193,7 @@ class IkNode(ManagedNode):
             serving.destroy()
 
     def on_target(self, data: bytes) -> None:
-        """Answer a plain target."""
+        """Solve a target without a header."""
         arrival = time.perf_counter()
         received = self._received(data, pose_numbers_from_bytes)
         if received is None:
@@ -203,7 +202,7 @@ class IkNode(ManagedNode):
         self._act_on(serving, serving.server.solve(pose), arrival)
 
     def on_stamped_target(self, data: bytes) -> None:
-        """Answer a target with a frame and a time."""
+        """Solve a target with a frame and a stamp."""
         arrival = time.perf_counter()
         received = self._received(data, pose_stamped_from_bytes)
         if received is None:
@@ -213,7 +212,7 @@ class IkNode(ManagedNode):
         self._act_on(serving, result, arrival)
 
     def on_path(self, data: bytes) -> None:
-        """Answer a path as a whole."""
+        """Solve a path as a whole."""
         received = self._received(data, pose_array_from_bytes)
         if received is None:
             return
@@ -231,16 +230,16 @@ class IkNode(ManagedNode):
             serving.publishers.publish_path(path_result.joint_positions)
 
     def on_error_of_callback(self, error: Exception) -> None:
-        """Note an error that nobody foresaw, and go on: a robot may be waiting."""
+        """Count and log an unexpected error, and continue."""
         self._callback_errors += 1
         if self._error.is_due():
             text = "".join(format_exception(error)).strip()
-            self.get_logger().error(f"error in a callback, going on: {text}")
+            self.get_logger().error(f"error in a callback, continuing: {text}")
 
     def _received(
         self, data: bytes, read: Callable[[bytes], Content]
     ) -> tuple[Serving, Content] | None:
-        """What answers a message, and what that says; None, after a refusal, if nothing may."""
+        """The serving state and the content of a message; None if it is refused."""
         serving = self._serving
         if serving is None:
             return None
@@ -256,7 +255,7 @@ class IkNode(ManagedNode):
             return None
 
     def _age(self, target: StampedPoses) -> float:
-        """How old a target is by its stamp [s]."""
+        """The age of a target by its stamp [s]."""
         return 1e-9 * (self.get_clock().now().nanoseconds - target.nanoseconds)
 
     def _act_on(self, serving: Serving, result: IkResult, arrival: float) -> None:
@@ -266,7 +265,7 @@ class IkNode(ManagedNode):
         try:
             serving.publishers.publish(result)
         except RuntimeError:
-            # A signal has ended the context while the target was answered.
+            # A signal ended the context while the target was solved.
             if self.context.ok():
                 raise
             return
@@ -329,7 +328,7 @@ class IkNode(ManagedNode):
 
 
 def _kinematics(robot: Robot) -> str:
-    """What the residuals are by."""
+    """The origin of the forward kinematics."""
     corrections = robot.definition.get("corrections")
     if corrections is None:
         return "as described"

@@ -1,11 +1,7 @@
-"""Publishers of commands, from messages that are serialized once and then filled in.
+"""Publishers of commands, in every message type that a controller may need.
 
-Messages that are serialized once and then only filled in, number by number.
-
-The middleware takes bytes as they are; to let it convert a message anew each time takes several
-times as long.
-
-Publish what was accepted, in every form that a controller may want it.
+Messages are serialized once and then only filled in, since converting and serializing a message
+takes several times as long as publishing its bytes.
 """
 
 from __future__ import annotations
@@ -38,20 +34,20 @@ from msg_tools.conversions.pose import pose_stamped_from_array
 from msg_tools.conversions.stamp import split_stamp, stamp_from_nanoseconds
 from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, JOINT_TRAJECTORY, POSITION_COMMANDS
 
-#: A stamp that no clock shows [ns].
+#: A stamp that no clock has [ns].
 _STAMP = -2_000_000_011_987_654_321
 
 
 class MessageTemplate:
-    """The bytes of a message with a header stamp and an array of numbers, both to be replaced.
+    """The bytes of a message whose header stamp and array of numbers are replaced.
 
     Args:
-        make_message: makes the message of a stamp and of numbers.
+        make_message: makes the message from a stamp and numbers.
         size: how many numbers there are.
     """
 
     def __init__(self, make_message: Callable[[Time, list[float]], Any], size: int) -> None:
-        # Found by looking for them, so that no layout need be known here.
+        # Both are found by their values, whatever the layout of the message.
         numbers = [-7.25e300 - 1e290 * index for index in range(size)]
         self._data = bytearray(_serialized(make_message(stamp_from_nanoseconds(_STAMP), numbers)))
         self._stamp = struct.Struct("=iI")
@@ -71,10 +67,10 @@ class MessageTemplate:
 
 
 def _serialized(message: Any) -> bytes:
-    """The bytes of a message, and none behind them.
+    """The bytes of a message without padding at the end.
 
-    Behind an empty array the middleware leaves room for the alignment of what is not there: some
-    bytes of whatever its memory holds. Readers that are exact refuse a message with such an end.
+    After an empty array the middleware adds alignment bytes with arbitrary content, which strict
+    readers refuse.
     """
     data: bytes = serialize_message(message)
     while _reads_as(data[:-1], message):
@@ -90,17 +86,17 @@ def _reads_as(data: bytes, message: Any) -> bool:
 
 
 class CommandPublishers:
-    """The publishers of commands for one robot; silent unless the node is active.
+    """The publishers of commands for one robot; they publish only while the node is active.
 
     Attributes:
-        options: which forms are wanted besides ``joint_command``; may be replaced at any time.
+        options: the parameters of the node; may be replaced at any time.
     """
 
     def __init__(self, node: LifecycleNode, robot: Robot, options: IkNodeParameters) -> None:
         """Create the publishers on ``node``."""
         self.options = options
         self._node = node
-        # For bare nanoseconds: to make a Time of them takes longer than to ask for them.
+        # The handle gives nanoseconds; making a Time takes longer than reading the clock.
         self._clock = node.get_clock().handle
         self._robot = robot
         self._stamps = UniqueStamps()
@@ -127,19 +123,19 @@ class CommandPublishers:
         self._last: FloatArray | None = None
 
     def publish(self, result: IkResult) -> None:
-        """Publish an accepted answer, with one new stamp."""
+        """Publish an accepted solution and its target, with one new stamp."""
         if result.joint_positions is None or result.target is None:
             return
         self._last = result.joint_positions
         stamp = self._publish_command(result.joint_positions)
-        # Asked anew each time: a message for nobody costs thirty times as much as the question.
+        # A message without subscribers costs thirty times as much as counting them.
         if self._target_publisher.get_subscription_count():
             self._target_publisher.publish(self._target.filled(stamp, result.target))
 
     def publish_path(self, joint_positions: FloatArray) -> None:
-        """Publish a whole path ``(n, dof)`` as a trajectory.
+        """Publish a path ``(n, dof)`` as a trajectory.
 
-        After that there is nothing to repeat: the end of the path may still be far ahead.
+        Afterwards there is no command to repeat: the robot may still be far from its end.
         """
         self._last = None
         self._trajectory_publisher.publish(self._trajectory(joint_positions))
@@ -150,11 +146,11 @@ class CommandPublishers:
             self._publish_command(self._last)
 
     def forget(self) -> None:
-        """There was no last command."""
+        """Forget the last command."""
         self._last = None
 
     def destroy(self) -> None:
-        """Take the publishers off the node."""
+        """Destroy the publishers."""
         for publisher in (
             self._command_publisher,
             self._target_publisher,
@@ -164,7 +160,7 @@ class CommandPublishers:
             self._node.destroy_lifecycle_publisher(publisher)
 
     def _publish_command(self, joint_positions: FloatArray) -> int:
-        """Publish joint positions in all forms that are wanted; returns their stamp [ns]."""
+        """Publish joint positions on all enabled topics; returns their stamp [ns]."""
         stamp = self._stamps.next(self._clock.get_now().nanoseconds)
         self._command_publisher.publish(self._command.filled(stamp, joint_positions))
         if self.options.publish_joint_trajectory:

@@ -1,4 +1,4 @@
-"""The services of ik_node: for the node and the documentation. Needs no ROS."""
+"""The services of ``ik_node``. Needs no ROS."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Service(NamedTuple):
     Attributes:
         name: private to the node.
         type: ROS service type.
-        meaning: what it does.
+        meaning: its effect.
     """
 
     name: str
@@ -22,8 +22,8 @@ class Service(NamedTuple):
 RELOAD_MODEL = Service(
     "~/reload_model",
     "std_srvs/srv/Trigger",
-    "load the file that `model` names, and serve it from the next target on if it passes every "
-    "check and is for the same robot; otherwise the old one serves on, and the answer says why",
+    "load the file of the parameter `model`, and use it from the next target on if it passes "
+    "every check and is for the same robot; otherwise keep the present model, and return why",
 )
 
 SERVICES = (

@@ -1,4 +1,4 @@
-"""The node that publishes a path of targets, and ends when they are delivered."""
+"""The node that publishes a path of targets and ends when they are delivered."""
 
 from __future__ import annotations
 
@@ -26,19 +26,18 @@ from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED
 
 NODE_NAME = "target_publisher"
 
-#: Time between two looks at whether a subscriber has come, or the last target has arrived [s].
+#: Period of checks for subscribers and for delivery [s].
 POLL_PERIOD = 0.02
-#: Time without a new subscriber before the first target [s]. Discovery finds those that are there
-#: one after the other; and a subscriber is known to us before we are known to it: what is
-#: published in between reaches it all at once, and one that keeps only the newest target loses
-#: the rest.
+#: Time without a new subscriber before the first target [s]. Discovery finds subscribers one by
+#: one, and each is known here before this publisher is known there: targets published in between
+#: arrive all at once, and a subscriber of depth 1 keeps only the newest.
 SETTLING_TIME = 1.5
-#: How long subscribers may take to confirm the last targets [s].
+#: Longest wait for the confirmation of the last targets [s].
 DELIVERY_TIMEOUT = 10.0
 
 
 class NoSubscribers(AnnikError):
-    """Nobody, or not enough, listened for the targets in time."""
+    """There were not enough subscribers in time."""
 
     def __init__(self, topic: str, found: int, wanted: int, timeout: float) -> None:
         self.topic = topic
@@ -137,7 +136,7 @@ class TargetPublisher(Node):
         self._published += 1
 
     def _wait_for_delivery(self) -> None:
-        # In short steps, so that a signal is heard between them.
+        # In short steps, so that signals are handled between them.
         if self._publisher.wait_for_all_acked(Duration(seconds=POLL_PERIOD)):
             self.destroy_timer(self._timer)
             self.get_logger().info(f"published {self._published} targets")

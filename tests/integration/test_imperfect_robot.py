@@ -226,21 +226,21 @@ def test_a_file_describes_an_imperfect_arm(launch: Callable[..., Any], client: A
             {"robot": "gantry", "imperfections": "config/imperfect_ur5e.yaml"},
             "only an arm can be imperfect",
         ),
-        ({"imperfections": "{tmp}/none.yaml"}, "there is no such file: check the path"),
-        ({"imperfections": "{tmp}/wrong.yaml"}, "joints.elbow_joint.joint_zero is 2; it must be"),
+        ({"imperfections": "{tmp}/none.yaml"}, "none.yaml: file not found"),
+        ({"imperfections": "{tmp}/wrong.yaml"}, "joints.elbow_joint.joint_zero is 2"),
         (
             {"imperfections": "config/imperfect_ur5e.yaml", "imperfection_seed": 1},
-            "parameter imperfection_seed is 1; it must be -1 beside imperfections",
+            "imperfection_seed is 1",
         ),
         (
             {"joint_zero_error": 0.01},
-            "parameter joint_zero_error is 0.01; it must be 0.00872665 without imperfection_seed",
+            "joint_zero_error is 0.01",
         ),
         (
             {"imperfection_seed": 1, "link_length_error": 1.0},
-            "parameter link_length_error is 1.0; it must be a double from 0 to 0.1 [m]",
+            "link_length_error is 1.0",
         ),
-        ({"measurement_rate": -1.0}, "parameter measurement_rate is -1.0; it must be a double"),
+        ({"measurement_rate": -1.0}, "measurement_rate is -1.0"),
     ],
 )
 def test_what_makes_no_imperfect_arm_ends_the_node(
