@@ -14,7 +14,7 @@ class BagRecorderParameters:
 
     output: str = parameter(
         "",
-        "Folder of the bag, new or empty; none given: annik_bag_<date>_<time>, in the working "
+        "Folder of the bag, new or empty. Default: annik_bag_<date>_<time>, in the working "
         "directory.",
     )
     topics: tuple[str, ...] = parameter(
