@@ -1,7 +1,7 @@
-"""Examples with their provenance: what the robot was, where the joints were, what pose that gave.
+"""Datasets: joint positions, the poses that they give, and their provenance.
 
-A dataset is saved as one ``.npz`` file (NumPy's zip of arrays), with the provenance as JSON and a
-SHA-256 over everything, so that a truncated or altered file is recognised.
+A dataset is saved as one ``.npz`` file (NumPy's zip of arrays) with the provenance as JSON and a
+SHA-256 over everything, by which a truncated or altered file is recognised.
 """
 
 from __future__ import annotations
@@ -26,11 +26,7 @@ from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 
 
-class DatasetError(AnnikError):
-    """A dataset can't be used."""
-
-
-class UnreadableDataset(DatasetError):
+class UnreadableDataset(AnnikError):
     """A dataset file is missing, truncated, altered, or not a dataset."""
 
     def __init__(self, path: Path, reason: str) -> None:
@@ -44,10 +40,9 @@ COMPUTED = "computed by the forward kinematics"
 MEASURED = "measured on the robot"
 UNITS = {"joint_positions": "rad or m", "poses": "m, quaternion x y z w"}
 
-#: Computed poses may differ from those computed again by this much [m and rad]: the rounding of
-#: another processor, and nothing more.
+#: Allowed difference of computed poses from a new computation [m and rad]: rounding only.
 POSE_AGREEMENT = 1e-9
-#: Quaternions may differ from unit norm by this much: one that was rounded to single precision.
+#: Allowed difference of a quaternion's norm from 1: rounding to single precision.
 QUATERNION_NORM_TOLERANCE = 1e-6
 
 
@@ -58,15 +53,14 @@ class Dataset:
     Attributes:
         robot: the robot.
         joint_positions: ``(n, dof)`` [rad or m].
-        poses: ``(n, 7)`` x, y, z [m], unit quaternion x, y, z, w: the end effector in the base
-            frame at those joint positions.
+        poses: ``(n, 7)`` of the end effector in the base frame: x, y, z [m], unit quaternion
+            x, y, z, w.
         design: name of the design of experiments that chose the joint positions.
         design_options: its size and options.
-        seed: the seed that the design drew from.
-        source: how the poses came about.
-        measurement_noise: standard deviations of a measured pose, of each coordinate of its
-            position [m] and of its orientation [rad]; None if the poses were computed, or nobody
-            knows.
+        seed: seed of the design.
+        source: :data:`COMPUTED` or :data:`MEASURED`.
+        measurement_noise: standard deviations of a measured pose: of each coordinate of its
+            position [m], and of its orientation [rad]; None if computed or unknown.
     """
 
     robot: Robot
@@ -83,12 +77,12 @@ class Dataset:
         return len(self.joint_positions)
 
     def rows(self, keep: NDArray[np.bool_]) -> Dataset:
-        """Those of the examples where ``keep`` ``(n,)`` is true."""
+        """The examples for which ``keep`` ``(n,)`` is true."""
         return replace(self, joint_positions=self.joint_positions[keep], poses=self.poses[keep])
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Everything but the numbers, as plain data."""
+        """Everything but the two arrays, as JSON values."""
         noise = self.measurement_noise
         return {
             "format_version": FORMAT_VERSION,
@@ -110,11 +104,11 @@ class Dataset:
 
     @property
     def measurements_hash(self) -> str:
-        """SHA-256 over both arrays alone, by whichever description of the robot."""
+        """SHA-256 over both arrays, independent of the provenance."""
         return _content_hash({}, self.joint_positions, self.poses)
 
 
-def save_dataset(dataset: Dataset, path: Path) -> None:
+def save_dataset(dataset: Dataset, path: str | Path) -> None:
     """Write a dataset; an existing file is replaced only by a complete new one.
 
     Raises:
@@ -128,20 +122,21 @@ def save_dataset(dataset: Dataset, path: Path) -> None:
         provenance=np.array(json.dumps(dataset.provenance, sort_keys=True)),
         sha256=np.array(dataset.content_hash),
     )
+    path = Path(path)
     write_files_atomically(path.parent, {path.name: stream.getvalue()})
 
 
-def load_dataset(path: Path) -> Dataset:
-    """Read a dataset and check that it is whole, unaltered, and what its provenance says it is.
+def load_dataset(path: str | Path) -> Dataset:
+    """Read a dataset and check that it is complete, unaltered and agrees with its provenance.
 
     Raises:
-        UnreadableDataset: if it is missing, truncated, altered, not a dataset, or contradicts
-            itself; names what is wrong.
+        UnreadableDataset: if not, or if it is missing; names what is wrong.
     """
+    path = Path(path)
     provenance, joint_positions, poses, expected_hash = _read(path)
     if _content_hash(provenance, joint_positions, poses) != expected_hash:
         raise UnreadableDataset(path, "its content does not match its SHA-256: it was altered")
-    # A hash that fits says who wrote it no more than the rest does: the content is checked too.
+    # Anyone can compute the hash of wrong content, so the content is checked too.
     robot = _checked_robot(path, provenance)
     _check_arrays(path, robot, joint_positions, poses)
     if provenance["source"] == COMPUTED:
@@ -159,14 +154,14 @@ def load_dataset(path: Path) -> Dataset:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
-    """Provenance, joint positions, poses and hash as the file has them, unchecked."""
+    """Provenance, joint positions, poses and hash of the file, unchecked."""
     try:
         content = path.read_bytes()
     except FileNotFoundError as error:
         raise UnreadableDataset(path, "no such file") from error
     except OSError as error:
         raise UnreadableDataset(path, f"can't be read ({error.strerror})") from error
-    # Altered bytes come out of the zip, NumPy and JSON parsers as errors of any kind.
+    # The parsers of zip and NumPy raise errors of any kind on altered bytes.
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
@@ -185,7 +180,7 @@ def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
 
 
 def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:
-    """The robot of a provenance that is complete and agrees with it."""
+    """The robot of a provenance, which is checked to be complete and to agree with the robot."""
     version = provenance.get("format_version")
     if version != FORMAT_VERSION:
         raise UnreadableDataset(path, f"format version {version!r}, not {FORMAT_VERSION}")
@@ -198,14 +193,14 @@ def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:
     ):
         if key not in provenance:
             raise UnreadableDataset(path, f"its provenance lacks {key!r}")
-        # A truth value is an int to Python, but no seed.
+        # In Python, True is an int.
         if not isinstance(provenance[key], kind) or isinstance(provenance[key], bool):
             raise UnreadableDataset(path, f"{key!r} is {provenance[key]!r}, not {what}")
     try:
         robot = robot_from_definition(provenance["robot"], f"in {path}")
     except MissingDependency:
         raise
-    # The definition may hold anything that JSON can say.
+    # The definition may hold any JSON value.
     except Exception as error:
         raise UnreadableDataset(path, f"its robot can't be used ({error})") from error
     for key, expected in (
@@ -238,7 +233,7 @@ def _checked_noise(path: Path, noise: Any) -> tuple[float, float] | None:
 def _check_arrays(
     path: Path, robot: Robot, joint_positions: FloatArray, poses: FloatArray
 ) -> None:
-    """Refuse arrays that are not finite numbers of the right kind, number and range."""
+    """Refuse arrays of wrong type, shape or range."""
     for name, array, columns in (
         ("joint_positions", joint_positions, robot.dof),
         ("poses", poses, 7),
@@ -272,10 +267,10 @@ def _check_arrays(
 def _check_forward_kinematics(
     path: Path, robot: Robot, joint_positions: FloatArray, poses: FloatArray
 ) -> None:
-    """Refuse poses that are said to be computed, and are not where the joint positions lead."""
+    """Refuse computed poses that the forward kinematics does not confirm."""
     with np.errstate(over="ignore"):
         distances, angles = pose_distance(poses, robot.forward_kinematics.poses(joint_positions))
-    # Not '>': what overflowed to NaN disagrees.
+    # A NaN from an overflow disagrees, so not '>'.
     wrong = np.flatnonzero(~((distances <= POSE_AGREEMENT) & (angles <= POSE_AGREEMENT)))
     if len(wrong):
         row = wrong[0]

@@ -1,9 +1,4 @@
-"""The installed version, and the folder of the packaged robots, models and configuration.
-
-Where the packaged robots, models and configuration are, however annik was installed.
-
-The version of annik, as installed; package.xml defines it.
-"""
+"""The installed version, and the folder of the packaged robots, models and configuration."""
 
 from __future__ import annotations
 
@@ -16,12 +11,11 @@ from annik_core.errors import AnnikError
 def share_directory() -> Path:
     """The folder that holds ``robots/``, ``models/`` and ``config/``.
 
-    In a checkout (and so in an editable or symlinked install) it is the checkout itself. In every
-    other install it is ``share/annik_ros`` under the prefix, the place that ROS expects: a virtual
-    environment, ``~/.local``, ``/usr``, or colcon's ``install/annik_ros``.
+    A checkout (also in an editable or symlinked install) is that folder itself. Otherwise it is
+    ``share/annik_ros`` under the prefix of the installation, as ROS expects.
 
     Raises:
-        AnnikError: if neither exists, which means that the installation is damaged.
+        AnnikError: if there is none: the installation is damaged.
     """
     module = Path(__file__).resolve()
     checkout = module.parent.parent
@@ -37,7 +31,8 @@ def share_directory() -> Path:
     )
 
 
+#: Version of annik, from package.xml.
 try:
     VERSION = version("annik_ros")
-except PackageNotFoundError:  # run from a checkout that was never installed
+except PackageNotFoundError:  # a checkout that is not installed
     VERSION = "0+not.installed"

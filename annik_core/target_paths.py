@@ -40,13 +40,12 @@ class UnreadableTargetFile(AnnikError):
 def diagonal_path(points: int = DIAGONAL_POINTS) -> FloatArray:
     """The paper's test path across the workspace of the gantry.
 
-    From P1 (210, 210, 510) mm to P2 (490, 490, 790) mm with roll = pitch = 0 and a yaw that grows
-    evenly from 0 to 90 degrees. The paper states 6.44 degrees per step, which would be 90.16
-    degrees after its 14 steps, and also 90 degrees at P2, the edge of the workspace. This is
-    90 / 14 = 6.4286 degrees per step.
+    From P1 (210, 210, 510) mm to P2 (490, 490, 790) mm, with roll = pitch = 0 and yaw from 0 to
+    90 degrees in equal steps. (The paper states steps of 6.44 degrees, but also 90 degrees at P2,
+    which are 14 steps of 6.4286 degrees.)
 
     Args:
-        points: how many, ends included; the paper has 15, more follow the same path finer.
+        points: number of poses, ends included; 15 in the paper.
 
     Raises:
         InvalidValue: if there are fewer than two points.
@@ -57,7 +56,7 @@ def diagonal_path(points: int = DIAGONAL_POINTS) -> FloatArray:
 
 
 def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
-    """A straight line, with a rotation about one fixed axis at an even rate, the short way.
+    """A straight line, with the shortest rotation about a fixed axis, in equal steps.
 
     Args:
         start: pose ``(7,)``.
@@ -80,9 +79,9 @@ def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
 def circle_path(
     centre: ArrayLike, radius: float, roll_pitch_yaw: ArrayLike, points: int
 ) -> FloatArray:
-    """A circle in a plane of constant z, anticlockwise from above, with one orientation.
+    """A horizontal circle at constant orientation, anticlockwise seen from above.
 
-    It starts at the greatest x. The first point is not repeated at the end, so that laps join.
+    It starts at the largest x. The first point is not repeated at the end, so laps can be joined.
 
     Args:
         centre: ``(3,)`` [m].
@@ -105,8 +104,8 @@ def circle_path(
 def csv_path(path: str | Path) -> FloatArray:
     """The poses of a comma-separated file, one per line after the header.
 
-    The header names at least the columns of :data:`CSV_COLUMNS`, in any order; other columns are
-    ignored, and so are empty lines.
+    The header names the columns of :data:`CSV_COLUMNS` in any order; other columns and empty
+    lines are ignored.
 
     Raises:
         UnreadableTargetFile: naming the line and what is wrong with it.
@@ -135,7 +134,7 @@ def _poses_from_rows(lines: Iterable[str], path: Path) -> FloatArray:
         try:
             poses.append(checked_pose([float(row[name]) for name in CSV_COLUMNS]))
         except (TypeError, ValueError, AnnikError) as error:
-            # A short line has None in its last columns, which float() calls a TypeError.
+            # Missing columns of a short line are None, which float() refuses with a TypeError.
             problem = str(error) if not isinstance(error, TypeError) else "too few columns"
             raise UnreadableTargetFile(path, problem, rows.line_num) from error
     if not poses:
@@ -144,7 +143,7 @@ def _poses_from_rows(lines: Iterable[str], path: Path) -> FloatArray:
 
 
 def _shares(points: int) -> FloatArray:
-    """``(points,)`` from 0 to 1, evenly."""
+    """``(points,)`` numbers from 0 to 1, equally spaced."""
     if points < 2:
         raise InvalidValue("points", points, "an integer of at least 2")
     return np.linspace(0.0, 1.0, points)

@@ -1,7 +1,4 @@
-"""The topics of annik: relative name, message type, who publishes, what it means.
-
-One table for the nodes, the bag recorder, the report and the documentation. Needs no ROS.
-"""
+"""Table of the topics of annik, for the nodes, the recorder, the report and the documentation."""
 
 from __future__ import annotations
 
@@ -12,10 +9,10 @@ class Topic(NamedTuple):
     """A topic of annik.
 
     Attributes:
-        name: relative, so that namespaces and remapping work.
+        name: relative, for namespaces and remapping.
         type: ROS message type, such as ``geometry_msgs/msg/Pose``.
         publisher: the node that publishes it; ``you`` for the targets.
-        meaning: what the message says, with frame and units.
+        meaning: content of the message, with frame and units.
     """
 
     name: str
@@ -28,19 +25,19 @@ TARGET_POSE = Topic(
     "target_pose",
     "geometry_msgs/msg/Pose",
     "you",
-    "wanted end-effector pose in the base frame [m, unit quaternion]",
+    "target pose of the end effector in the base frame [m, unit quaternion]",
 )
 TARGET_POSE_STAMPED = Topic(
     "target_pose_stamped",
     "geometry_msgs/msg/PoseStamped",
     "you",
-    "the same with a frame, which must be the base frame or empty",
+    "the same with a frame: the base frame, or empty",
 )
 TARGET_POSES = Topic(
     "target_poses",
     "geometry_msgs/msg/PoseArray",
     "you",
-    "a path of wanted poses in the base frame, to be answered as a whole by one joint_trajectory",
+    "a path of target poses in the base frame, solved as a whole: one joint_trajectory, or none",
 )
 JOINT_COMMAND = Topic(
     "joint_command",
@@ -52,14 +49,14 @@ ACCEPTED_TARGET = Topic(
     "accepted_target",
     "geometry_msgs/msg/PoseStamped",
     "ik_node",
-    "the target of the command with the same stamp; sent while somebody listens",
+    "the target of the command with the same stamp; published if there is a subscriber",
 )
 JOINT_TRAJECTORY = Topic(
     "joint_trajectory",
     "trajectory_msgs/msg/JointTrajectory",
     "ik_node",
-    "the answer to target_poses, and each command if publish_joint_trajectory is set, for "
-    "ros2_control's joint_trajectory_controller [rad or m]; stamp: zero, to begin at once",
+    "the joint positions for target_poses, and each command if publish_joint_trajectory is set, "
+    "for ros2_control's joint_trajectory_controller [rad or m]; stamp: zero, to start at once",
 )
 POSITION_COMMANDS = Topic(
     "position_commands",
@@ -72,23 +69,22 @@ JOINT_STATES = Topic(
     "joint_states",
     "sensor_msgs/msg/JointState",
     "the robot, or fake_robot",
-    "measured joint positions [rad or m], which ik_node holds its first command to; fake_robot: "
-    "those that it took up, stamp: its command's, and with measurement_rate also in between, "
-    "stamp: its measured_pose's",
+    "measured joint positions [rad or m]; the first command must be near them. fake_robot: "
+    "after each command, with its stamp; at measurement_rate, with the stamp of measured_pose",
 )
 ACHIEVED_POSE = Topic(
     "achieved_pose",
     "geometry_msgs/msg/PoseStamped",
     "fake_robot",
-    "end-effector pose at those joint positions, by the direct kinematics or as an imperfect arm "
-    "takes it up; stamp: its command's",
+    "end-effector pose at those joint positions in the base frame, by the forward kinematics or "
+    "with the errors of an imperfect arm; stamp: its command's",
 )
 MEASURED_POSE = Topic(
     "measured_pose",
     "geometry_msgs/msg/PoseStamped",
     "a tracker, or fake_robot",
-    "end-effector pose in the base frame, with noise [m, unit quaternion]; stamp: when it was "
-    "measured",
+    "end-effector pose in the base frame, with noise [m, unit quaternion]; stamp: time of the "
+    "measurement",
 )
 POSITION_ERROR = Topic(
     "tracking_error/position",
@@ -106,7 +102,7 @@ DIAGNOSTICS = Topic(
     "/diagnostics",
     "diagnostic_msgs/msg/DiagnosticArray",
     "ik_node, fake_robot, example_collector",
-    "model, robot, counts by outcome, times; once a second",
+    "model, robot, counts by outcome, times; every second",
 )
 
 TOPICS = (

@@ -15,7 +15,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from annik_core.dataset import Dataset, DatasetError
+from annik_core.dataset import Dataset
+from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray
 from annik_training.fitting.branches import single_branch
 from annik_training.fitting.evidence import minimise_with_chosen_decay
@@ -27,7 +28,7 @@ from annik_training.fitting.variable_projection import ScaledExamples, Separable
 from annik_training.networks.network import InverseKinematicsNetwork, ScaledNetwork, Scaling
 
 
-class TooFewExamples(DatasetError):
+class TooFewExamples(AnnikError):
     """A dataset is too small for what was asked of it."""
 
     def __init__(self, examples: int, minimum: int, purpose: str) -> None:

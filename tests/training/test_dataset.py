@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,14 @@ def test_any_program_can_read_it(dataset: Dataset, saved: Path) -> None:
         assert archive["joint_positions"] == pytest.approx(dataset.joint_positions)
 
 
+def refused(path: Path, reason: str = "") -> None:
+    """Assert that a file can't be loaded, for a reason that matches."""
+    with pytest.raises(UnreadableDataset) as caught:
+        load_dataset(path)
+    assert caught.value.path == path
+    assert re.search(reason, caught.value.reason), caught.value.reason
+
+
 @settings(max_examples=50)
 @given(st.data())
 def test_a_truncated_file_is_refused(
@@ -57,8 +66,7 @@ def test_a_truncated_file_is_refused(
     length = data.draw(st.integers(0, len(content) - 1))
     cut = tmp_path_factory.mktemp("cut") / "cut.npz"
     cut.write_bytes(content[:length])
-    with pytest.raises(UnreadableDataset, match=r"cut\.npz"):
-        load_dataset(cut)
+    refused(cut)
 
 
 def test_an_altered_number_is_noticed(dataset: Dataset, tmp_path: Path) -> None:
@@ -69,15 +77,13 @@ def test_an_altered_number_is_noticed(dataset: Dataset, tmp_path: Path) -> None:
         arrays = dict(archive)
     arrays["poses"][7, 0] += 1e-12
     np.savez(path, **arrays)
-    with pytest.raises(UnreadableDataset, match="altered"):
-        load_dataset(path)
+    refused(path, "altered")
 
 
 def test_another_npz_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "other.npz"
     np.savez(path, weights=np.zeros(3))
-    with pytest.raises(UnreadableDataset, match="not a dataset"):
-        load_dataset(path)
+    refused(path, "not a dataset")
 
 
 @settings(max_examples=200)
@@ -131,16 +137,14 @@ def test_a_provenance_that_lacks_something_is_refused(
     dataset: Dataset, tmp_path: Path, key: str
 ) -> None:
     provenance = {name: value for name, value in dataset.provenance.items() if name != key}
-    with pytest.raises(UnreadableDataset, match=f"lacks '{key}'"):
-        load_dataset(with_provenance(dataset, tmp_path / "lacks.npz", provenance))
+    refused(with_provenance(dataset, tmp_path / "lacks.npz", provenance), f"lacks '{key}'")
 
 
 @pytest.mark.parametrize("provenance", [[], ["design"], "text", 1, None])
 def test_a_provenance_that_is_no_mapping_is_refused(
     dataset: Dataset, tmp_path: Path, provenance: Any
 ) -> None:
-    with pytest.raises(UnreadableDataset, match="not a mapping"):
-        load_dataset(with_provenance(dataset, tmp_path / "list.npz", provenance))
+    refused(with_provenance(dataset, tmp_path / "list.npz", provenance), "not a mapping")
 
 
 @pytest.mark.parametrize(
@@ -163,8 +167,7 @@ def test_a_provenance_that_contradicts_itself_is_refused(
     dataset: Dataset, tmp_path: Path, changes: Mapping[str, Any], complaint: str
 ) -> None:
     path = tmp_path / "changed.npz"
-    with pytest.raises(UnreadableDataset, match=complaint):
-        load_dataset(with_provenance(dataset, path, {**dataset.provenance, **changes}))
+    refused(with_provenance(dataset, path, {**dataset.provenance, **changes}), complaint)
 
 
 def _set(name: str, row: int, column: int, value: float) -> Callable[[Dataset], Dataset]:
@@ -206,15 +209,13 @@ def test_wrong_content_with_a_hash_that_fits_is_refused(
 ) -> None:
     path = tmp_path / "wrong.npz"
     save_dataset(change(dataset), path)
-    with pytest.raises(UnreadableDataset, match=complaint):
-        load_dataset(path)
+    refused(path, complaint)
 
 
 def test_a_dataset_without_examples_is_refused(dataset: Dataset, tmp_path: Path) -> None:
     empty = dataclasses.replace(dataset, joint_positions=np.zeros((0, 6)), poses=np.zeros((0, 7)))
     save_dataset(empty, tmp_path / "empty.npz")
-    with pytest.raises(UnreadableDataset, match="no examples"):
-        load_dataset(tmp_path / "empty.npz")
+    refused(tmp_path / "empty.npz", "no examples")
 
 
 def test_measured_poses_may_differ_from_the_forward_kinematics(
@@ -237,13 +238,11 @@ def test_rounding_of_another_processor_is_no_contradiction(
 
 
 def test_a_folder_is_no_dataset(tmp_path: Path) -> None:
-    with pytest.raises(UnreadableDataset, match="can't be read"):
-        load_dataset(tmp_path)
+    refused(tmp_path, "can't be read")
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(UnreadableDataset, match="no such file"):
-        load_dataset(tmp_path / "none.npz")
+    refused(tmp_path / "none.npz", "no such file")
 
 
 def test_a_folder_that_is_not_there(dataset: Dataset, tmp_path: Path) -> None:
