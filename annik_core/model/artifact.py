@@ -128,9 +128,11 @@ def packaged_models() -> tuple[str, ...]:
 
 def model_path(name_or_path: str | Path) -> Path:
     """The file of a packaged model, by its name, or the path itself if it is not such a name."""
-    if str(name_or_path) in packaged_models():
-        return share_directory() / "models" / f"{name_or_path}.onnx"
-    return Path(name_or_path)
+    path = Path(name_or_path)
+    if path.name == str(name_or_path):
+        packaged = share_directory() / "models" / f"{path.name}.onnx"
+        return packaged if packaged.is_file() else path
+    return path
 
 
 def load_model(path: str | Path, expected_robot: Robot | None = None) -> Model:
@@ -274,9 +276,9 @@ def _one_at_a_time(model: Model) -> FloatArray:
     return np.array([model.joint_positions_at(pose) for pose in _references(model)])
 
 
-def _compare(model: Model, key: str, *answers: FloatArray) -> None:
+def _compare(model: Model, key: str, *found: FloatArray) -> None:
     expected = np.array(model.metadata.reference_joint_positions, dtype=np.float64)
-    difference = float(np.abs([found - expected for found in answers]).max())
+    difference = float(np.abs(np.array(found) - expected).max())
     if not difference <= REFERENCE_TOLERANCE:
         problem = (
             f"the network's joint positions differ from the reference answers by {difference}: "

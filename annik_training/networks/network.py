@@ -119,8 +119,8 @@ class ScaledNetwork(nn.Module):
 
     def scaled(self, scaled_inputs: Tensor) -> Tensor:
         """Scaled outputs ``(n, outputs)`` for scaled inputs ``(n, inputs)``; float64."""
-        answer: Tensor = self.output(self.hidden(scaled_inputs))
-        return answer if self.linear_path is None else answer + self.linear_path(scaled_inputs)
+        outputs: Tensor = self.output(self.hidden(scaled_inputs))
+        return outputs if self.linear_path is None else outputs + self.linear_path(scaled_inputs)
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Outputs ``(n, outputs)`` for inputs ``(n, inputs)``; float64."""
@@ -129,8 +129,8 @@ class ScaledNetwork(nn.Module):
     def predict(self, inputs: FloatArray) -> FloatArray:
         """:meth:`forward` for NumPy arrays."""
         with torch.no_grad():
-            answer: FloatArray = self(torch.from_numpy(inputs)).numpy()
-        return answer
+            outputs: FloatArray = self(torch.from_numpy(inputs)).numpy()
+        return outputs
 
 
 class InverseKinematicsNetwork(nn.Module):
@@ -154,8 +154,8 @@ class InverseKinematicsNetwork(nn.Module):
     def joint_positions(self, poses: FloatArray) -> FloatArray:
         """:meth:`forward` for NumPy arrays."""
         with torch.no_grad():
-            answer: FloatArray = self(torch.from_numpy(poses)).numpy()
-        return answer
+            joint_positions: FloatArray = self(torch.from_numpy(poses)).numpy()
+        return joint_positions
 
     @torch.no_grad()
     def fused(self) -> FusedNetwork:
@@ -216,10 +216,10 @@ class FusedNetwork(nn.Module):
         activations = features
         for layer in self.hidden:
             activations = torch.tanh(layer(activations))
-        answer: Tensor = self.output(activations)
+        joint_positions: Tensor = self.output(activations)
         if self.linear_path is not None:
-            answer = answer + self.linear_path(features)
-        return answer, features
+            joint_positions = joint_positions + self.linear_path(features)
+        return joint_positions, features
 
     def as_onnx(self) -> onnx.ModelProto:
         """The ONNX graph: input ``pose``, output ``joint_positions``, a tensor ``features``."""

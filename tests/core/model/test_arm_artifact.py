@@ -53,8 +53,8 @@ def test_the_robot_comes_back_from_the_model_file(arm_model: Path, known: Robot)
     )
 
 
-def test_what_is_barely_trained_answers_exactly(arm_model: Path, known: Robot) -> None:
-    """Refined; and no answer leaves the working box."""
+def test_a_barely_trained_model_solves_exactly(arm_model: Path, known: Robot) -> None:
+    """Refined; no solution leaves the joint box."""
     solver = IkSolver(load_model(arm_model))
     share = np.random.default_rng(0).uniform(0.2, 0.8, (50, 6))
     box = known.joint_box
@@ -107,7 +107,7 @@ def _with_urdf(change: Callable[[str], str]) -> Callable[[dict[str, Any]], dict[
 def test_a_tampered_robot_is_refused(
     arm_model: Path, tmp_path: Path, change: Callable[[Any], Any], problem: str
 ) -> None:
-    """By the hash, or before that where it is no arm any more."""
+    """By the hash, or before that where the definition is no arm any more."""
     path = altered(arm_model, tmp_path / "tampered.onnx", robot=change)
     assert path.read_bytes() != arm_model.read_bytes()
     with pytest.raises(InvalidMetadata) as caught:
@@ -119,7 +119,7 @@ def test_a_tampered_robot_is_refused(
 def test_a_tampered_robot_with_its_own_hash_is_another_robot(
     arm_model: Path, tmp_path: Path, known: Robot
 ) -> None:
-    """Whoever signs the alteration is not found out by the hash alone, but by who expects it."""
+    """The hash in the file agrees; it is not the hash of the robot that the caller expects."""
     definition = _longer(dict(known.definition))
     assert definition != dict(known.definition)
     forged = load_robot(
@@ -162,7 +162,7 @@ def test_a_packaged_model_is_known_by_its_name_and_all_else_is_a_path(
 ) -> None:
     """Also where a file of that name is in the current folder."""
     monkeypatch.chdir(tmp_path)
-    Path("gantry").write_text("in the way", encoding="utf-8")
+    Path("gantry").write_text("exists", encoding="utf-8")
     assert "gantry" in packaged_models()
     for name in packaged_models():
         assert model_path(name).name == f"{name}.onnx"

@@ -145,7 +145,7 @@ def test_a_weight_that_is_not_finite(tmp_path: Path, value: float) -> None:
 
 @pytest.mark.parametrize("name", ["hidden.0.bias", "output.weight", "output.bias"])
 def test_an_altered_weight(tmp_path: Path, name: str) -> None:
-    """The stored reference answers tell, if the weight has any effect on an answer."""
+    """Found by the reference answers, if the weight has any effect on them."""
 
     def change(model: onnx.ModelProto) -> None:
         tensor = next(t for t in model.graph.initializer if t.name == name)
@@ -535,7 +535,7 @@ def test_whatever_the_checks_did_not_foresee(monkeypatch: pytest.MonkeyPatch) ->
 
 
 class FakeSession:
-    """A session whose answer to one pose alone is up to the test."""
+    """A session whose output for a single pose is chosen by the test."""
 
     def __init__(self, session: Any, alone: Callable[[Any], Any]) -> None:
         self._session = session
@@ -574,7 +574,7 @@ def test_a_network_that_fails_while_it_serves(alone: Callable[[Any], Any]) -> No
 
 
 @FAILURES
-def test_a_network_that_answers_batches_only(
+def test_a_network_that_takes_batches_only(
     monkeypatch: pytest.MonkeyPatch, alone: Callable[[Any], Any]
 ) -> None:
     original = artifact_module.make_session
@@ -585,7 +585,9 @@ def test_a_network_that_answers_batches_only(
         load_model(default_model_path())
 
 
-def test_a_network_that_answers_differently_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_network_that_computes_one_pose_differently(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     original = artifact_module.make_session
     monkeypatch.setattr(
         artifact_module,

@@ -24,8 +24,8 @@ def test_a_packaged_model_is_of_the_packaged_robot(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_at_least_995_of_1000_targets_of_the_working_box_are_solved(name: str) -> None:
-    """Within a micrometre and a micro-radian, inside the box, in at most ten steps."""
+def test_at_least_995_of_1000_targets_of_the_joint_box_are_solved(name: str) -> None:
+    """Within a micrometre and a micro-radian, inside the box, in at most ten iterations."""
     solver = IkSolver.from_file(name)
     robot = solver.robot
     rng = np.random.default_rng(995)

@@ -64,7 +64,7 @@ def test_a_quaternion_and_its_negative_encode_alike(roll: float, pitch: float, y
 
 @given(st.floats(0, HALF_PI), st.floats(0, HALF_PI))
 def test_on_the_gimbal_edge_the_sum_is_that_of_the_centre(roll: float, yaw: float) -> None:
-    """The difference is kept, so the orientation is; the answer is the same for all such poses."""
+    """The difference is kept, and so the orientation; all such poses have the same features."""
     features = encode(pose_from_roll_pitch_yaw([0, 0, 0], [roll, HALF_PI, yaw]))
     assert features[4] == pytest.approx(HALF_PI, abs=1e-8)
     assert features[5] - features[3] == pytest.approx(yaw - roll, abs=1e-9)
@@ -124,10 +124,10 @@ def test_the_rotation_matrix_is_smooth_everywhere() -> None:
             )
             for turn in (step, -step)
         )
-        slopes = (matrix_features(there) - matrix_features(back)) / (2.0 * step)
+        derivatives = (matrix_features(there) - matrix_features(back)) / (2.0 * step)
         columns = matrix_features(poses)[:, 3:].reshape(-1, 3, 3)
         expected = np.cross(axis, columns).reshape(-1, 9)
-        assert slopes[:, 3:] == pytest.approx(expected, abs=1e-9, rel=0)
+        assert derivatives[:, 3:] == pytest.approx(expected, abs=1e-9, rel=0)
 
 
 def test_the_exported_rotation_matrix_is_the_same_and_its_graph_is_one_that_nodes_take() -> None:

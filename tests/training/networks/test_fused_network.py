@@ -64,7 +64,7 @@ def with_noise(poses: FloatArray) -> FloatArray:
 
 @EACH_ARM
 @pytest.mark.parametrize("linear_path", [False, True])
-def test_fused_it_answers_the_same(
+def test_a_fused_arms_network_computes_the_same(
     name: str, joint_box: dict[str, list[float]] | None, linear_path: bool
 ) -> None:
     network = fitted(name, joint_box, linear_path).network
@@ -77,7 +77,7 @@ def test_fused_it_answers_the_same(
 
 @pytest.mark.parametrize("linear_path", [False, True])
 @pytest.mark.parametrize("hidden_units", [(5,), (5, 4)])
-def test_fused_the_gantrys_answers_the_same(
+def test_the_fused_gantrys_network_computes_the_same(
     gantry: Robot, hidden_units: tuple[int, ...], linear_path: bool
 ) -> None:
     """Also on the gimbal edge, where some of these poses are. Its features are the angles."""
@@ -121,7 +121,7 @@ def test_the_exported_graph_ends_in_layers_behind_a_tensor_named_features(
 
 
 @EACH_ARM
-def test_a_pose_off_by_a_little_is_answered_nearly_the_same(
+def test_a_small_change_of_the_pose_is_a_small_change_of_the_joints(
     name: str, joint_box: dict[str, list[float]] | None
 ) -> None:
     """Rounding of what is constant on this arm must not be taken for a signal."""
