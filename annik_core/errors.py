@@ -1,8 +1,7 @@
-"""The exceptions of annik: one tree, raised early, with the offending data as attributes.
+"""Exceptions that several rooms raise: one tree, with the offending data as attributes.
 
-Exceptions are for faults of set-up (a missing file, a wrong robot, a bad option). What may happen
-in every control cycle, such as a target out of reach, is a value instead:
-see :class:`annik_core.solver.result.IkResult`.
+Exceptions are for faults of set-up, such as a missing file. What may happen in every control
+cycle, such as a target out of reach, is a value: :class:`annik_core.solver.result.IkResult`.
 """
 
 from __future__ import annotations
@@ -12,14 +11,15 @@ from pathlib import Path
 
 
 class AnnikError(Exception):
-    """Base of every exception that annik raises on purpose."""
+    """Base of every exception of annik."""
 
 
 class MissingDependency(AnnikError):
-    """A library that this needs is not installed, or is another one of that name."""
+    """A library that is needed is not installed, or another library has its name."""
 
     def __init__(self, library: str, purpose: str, remedy: str) -> None:
         self.library = library
+        self.remedy = remedy
         super().__init__(f"{purpose} needs {library}: {remedy}")
 
 
@@ -70,7 +70,7 @@ class InUse(AnnikError):
 
 
 class DamagedRecord(AnnikError):
-    """A line of an append-only log is not as it was written.
+    """A line of an append-only log is damaged.
 
     Attributes:
         path: the file.
@@ -92,7 +92,7 @@ class ConversionError(AnnikError):
 
 
 class WrongShape(ConversionError):
-    """An array does not have the shape its meaning requires."""
+    """An array has the wrong shape."""
 
     def __init__(self, what: str, shape: tuple[int, ...], expected: str) -> None:
         self.what = what
@@ -111,7 +111,7 @@ class NonFiniteValue(ConversionError):
 
 
 class NotUnitQuaternion(ConversionError):
-    """A quaternion's norm is too far from one for it to be a rotation."""
+    """The norm of a quaternion is too far from 1."""
 
     def __init__(self, norm: float, tolerance: float) -> None:
         self.norm = norm
@@ -135,7 +135,7 @@ class MissingJoint(ConversionError):
 
 
 class MalformedJointState(ConversionError):
-    """A joint state names a joint twice, or has not one position per name."""
+    """A joint state names a joint twice, or does not have one position per name."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem

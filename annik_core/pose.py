@@ -4,8 +4,8 @@ A pose is an array ``(7,)`` of float64, ``x, y, z`` [m] and the unit quaternion 
 of the end effector in the base frame; many poses are ``(n, 7)``. Roll, pitch and yaw are rotations
 about the fixed x, y and z axes, in this order (REP-103), the paper's psi, theta and phi.
 
-Rotations of many poses are computed by :class:`scipy.spatial.transform.Rotation`, loaded when it
-is first needed: a node, which has one pose at a time, is ready sooner without it.
+Rotations of many poses are computed by :class:`scipy.spatial.transform.Rotation`, which is loaded
+on first use; functions of one pose use plain floats, because they are on the hot path.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion, WrongShape
 
 FloatArray = NDArray[np.float64]
-#: A few numbers: to make an array of them takes longer than to use them.
+#: A few numbers, as an array or, where that is quicker, as a tuple.
 Numbers = FloatArray | tuple[float, ...]
 
 POSE_FIELDS = (
@@ -38,25 +38,25 @@ _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 
 def checked_pose(pose: ArrayLike) -> FloatArray:
-    """A pose that is finite and whose quaternion has unit norm.
+    """Check that a pose is finite and that its quaternion has unit norm.
 
     Args:
         pose: ``(7,)``; position [m], quaternion x, y, z, w with a norm of 1 within
             :data:`QUATERNION_NORM_TOLERANCE`.
 
     Returns:
-        A new array ``(7,)`` with the quaternion normalised. One that is already a unit quaternion
-        to rounding is returned bit for bit, so that a pose survives a round trip unchanged.
+        A new array ``(7,)`` with the quaternion normalised; a quaternion whose norm is 1 to
+        rounding is kept bit for bit.
 
     Raises:
         WrongShape: if it is not seven numbers.
         NonFiniteValue: if a number is NaN or infinite; names the field.
-        NotUnitQuaternion: if the norm is too far from one; this includes the zero quaternion.
+        NotUnitQuaternion: if the norm is too far from 1.
     """
     checked = np.array(pose, dtype=np.float64)
     if checked.shape != (7,):
         raise WrongShape("pose", checked.shape, "(7,): x, y, z, qx, qy, qz, qw")
-    # Python's own numbers: for seven of them NumPy's functions take several times as long.
+    # Plain floats: for seven numbers NumPy's functions take several times as long.
     numbers = checked.tolist()
     if not all(map(math.isfinite, numbers)):
         index = [math.isfinite(number) for number in numbers].index(False)
@@ -71,11 +71,11 @@ def checked_pose(pose: ArrayLike) -> FloatArray:
 
 
 def pose_from_roll_pitch_yaw(position: ArrayLike, roll_pitch_yaw: ArrayLike) -> FloatArray:
-    """Poses from positions and roll, pitch, yaw angles.
+    """Poses from positions and roll, pitch, yaw.
 
     Args:
         position: ``(n, 3)`` or ``(3,)`` [m].
-        roll_pitch_yaw: same shape [rad]; rotations about the fixed x, y, z axes, in this order.
+        roll_pitch_yaw: same shape [rad].
 
     Returns:
         ``(n, 7)`` or ``(7,)``; the quaternion's w is not negative.
@@ -88,10 +88,10 @@ def pose_from_roll_pitch_yaw(position: ArrayLike, roll_pitch_yaw: ArrayLike) -> 
 
 
 def pose_difference(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What is missing from the achieved poses to reach the targets, in the base frame.
+    """Difference from the achieved poses to the targets, in the base frame.
 
-    The rotation part is the rotation vector of ``R_target R_achieved^T``: its norm is the angle
-    between the two orientations. A quaternion and its negative are the same orientation.
+    Its rotation is that of ``R_target R_achieved^T``, the shorter way round. A quaternion and its
+    negative are the same orientation.
 
     Args:
         target: ``(7,)`` or ``(n, 7)``, checked poses.
@@ -111,10 +111,9 @@ def pose_difference(target: FloatArray, achieved: FloatArray) -> tuple[FloatArra
 def single_pose_difference(
     target: FloatArray, achieved: FloatArray
 ) -> tuple[list[float], list[float]]:
-    """:func:`pose_difference` for one pose ``(7,)`` each, as lists of three numbers [m], [rad].
+    """:func:`pose_difference` of one pose ``(7,)`` each, as lists of three numbers [m], [rad].
 
-    In Python's own numbers, since it stands in the way of every command: for a single rotation
-    SciPy takes some thirty times as long.
+    In plain floats, because it is on the hot path.
     """
     return difference_of_numbers(target.tolist(), achieved.tolist())
 
@@ -142,9 +141,8 @@ def difference_of_numbers(
 def roll_pitch_yaw(quaternion: FloatArray | list[float]) -> tuple[float, float, float]:
     """Roll, pitch and yaw [rad] of a unit quaternion ``(4,)`` x, y, z, w; quicker for a list.
 
-    Rotations about the fixed x, y and z axes, in this order; roll and yaw in [-pi, pi]. At a pitch
-    of 90 degrees the two are not unique, only their difference is; at -90 degrees their sum.
-    Accurate up to there [Bernardes2022]_.
+    Roll and yaw are in [-pi, pi]. At a pitch of 90 degrees only their difference is unique, at -90
+    degrees their sum. Accurate up to there [Bernardes2022]_.
 
     References:
         [Bernardes2022] E. Bernardes, S. Viollet: Quaternion to Euler angles conversion: a direct,
@@ -162,7 +160,7 @@ def roll_pitch_yaw(quaternion: FloatArray | list[float]) -> tuple[float, float, 
 
 
 def quaternion_from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> list[float]:
-    """Unit quaternion x, y, z, w of angles [rad] about the fixed x, y, z axes; w not negative."""
+    """Unit quaternion x, y, z, w of roll, pitch, yaw [rad]; w is not negative."""
     sine_roll, cosine_roll = math.sin(0.5 * roll), math.cos(0.5 * roll)
     sine_pitch, cosine_pitch = math.sin(0.5 * pitch), math.cos(0.5 * pitch)
     sine_yaw, cosine_yaw = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
@@ -176,7 +174,7 @@ def quaternion_from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> lis
 
 
 def rotation_matrix(quaternion: FloatArray) -> FloatArray:
-    """``(3, 3)`` of a unit quaternion ``(4,)`` x, y, z, w; its columns are the turned axes."""
+    """``(3, 3)`` of a unit quaternion ``(4,)`` x, y, z, w; its columns are the rotated axes."""
     x, y, z, w = quaternion.tolist()
     return np.array(
         [
@@ -188,7 +186,7 @@ def rotation_matrix(quaternion: FloatArray) -> FloatArray:
 
 
 def pose_distance(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far the achieved poses are from the targets: the norms of :func:`pose_difference`.
+    """Norms of :func:`pose_difference`.
 
     Args:
         target: ``(7,)`` or ``(n, 7)``, checked poses.

@@ -166,7 +166,7 @@ class AcceptanceLimits:
 
 
 class FirstCommandRule(Enum):
-    """How the first command after the start is held to where the robot is.
+    """How the first command after the start is compared with the measured joint positions.
 
     ``FREE``: it may be anywhere. ``NEAR_IF_MEASURED``: it must be near the measured joint
     positions if there are any. ``NEAR``: without a measurement it is refused.

@@ -54,7 +54,8 @@ class JointMotion:
 
         Before the start that is the first waypoint, after the end the last one, exactly.
         """
-        remaining = time
+        # The parts of a sum that was rounded may leave a remainder at the end.
+        remaining = time if time < self.duration else math.inf
         for line in self._lines:
             if remaining < line.duration:
                 return line.joint_positions_at(max(remaining, 0.0))

@@ -1,4 +1,4 @@
-"""Arms: any serial chain of a URDF, its kinematics by Pinocchio."""
+"""Arms: serial chains from URDFs, with kinematics by Pinocchio."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from annik_core.robots.urdf import SerialChain, serial_chain
 
 _REMEDY = "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio"
 _NO_REFERENCE: FloatArray = np.zeros(0)
-#: No serial arm has as many joints that move.
+#: Most moving joints of an arm.
 MAX_JOINTS = 32
 #: A full turn, to rounding [rad].
 _FULL_TURN = 2.0 * np.pi + 1e-9
 
 
 def _pinocchio() -> Any:
-    """Pinocchio, which only arms need."""
+    """Import Pinocchio, which only arms need."""
     try:
         import pinocchio
     except ModuleNotFoundError as error:
@@ -61,14 +61,13 @@ def _pinocchio() -> Any:
 class ArmKinematics(ForwardKinematics):
     """Forward kinematics of a serial chain.
 
-    Not for several threads at once: Pinocchio computes in memory that belongs to this object.
+    Not thread-safe: Pinocchio computes in memory of this object.
 
     Attributes:
         joint_names: the joints, from the base on.
         urdf: the chain as URDF text.
-        end_effector_frame: the link whose pose it is; the base frame is the root of the chain.
-        placements: ``(dof + 1, 7)`` small motions of what follows the base, and of what follows
-            each joint, in whose frame they are; None: none.
+        end_effector_frame: the link whose pose is meant; the base frame is the root of the chain.
+        placements: as of :class:`annik_core.robots.corrections.ArmCorrections`, or None.
     """
 
     joint_names: tuple[str, ...]
@@ -108,9 +107,9 @@ class ArmKinematics(ForwardKinematics):
 
     @cached_property
     def _body_jacobian(self) -> tuple[Any, ...]:
-        """What :meth:`linearise` needs: the inside of a search is where the time goes."""
+        """What :meth:`linearise` uses; it is on the hot path."""
         pin, model, data, frame = self._pinocchio
-        # On its way from the frame to the base, the Jacobian leaves the frame's placement here.
+        # Computing the Jacobian leaves the frame's placement here.
         placement = data.iMf[0]
         return (
             pin.computeFrameJacobian,
@@ -122,7 +121,7 @@ class ArmKinematics(ForwardKinematics):
 
     @cached_property
     def joint_origins(self) -> FloatArray:
-        """``(dof + 1, 3)``: origins of the joints and of the end effector at zero [m]."""
+        """``(dof + 1, 3)`` origins of the joints and of the end effector at zero position [m]."""
         pin, model, data, frame = self._pinocchio
         pin.framesForwardKinematics(model, data, np.zeros(len(self.joint_names)))
         joints = [data.oMi[number].translation.copy() for number in range(1, model.njoints)]
@@ -130,7 +129,7 @@ class ArmKinematics(ForwardKinematics):
 
     @cached_property
     def screws(self) -> ScrewChain:
-        """The chain as placements and axes."""
+        """The chain as a product of screw motions."""
         pin, model, data, frame = self._pinocchio
         zero = np.zeros(len(self.joint_names))
         axes = [
@@ -145,7 +144,7 @@ class ArmKinematics(ForwardKinematics):
 
     @cached_property
     def _pinocchio(self) -> tuple[Any, Any, Any, int]:
-        """The library, the model, its working memory, and the frame's number."""
+        """The library, the model, its data, and the number of the end-effector frame."""
         pin = _pinocchio()
         model = pin.buildModelFromXML(self.urdf)
         # Joints are frames too, and one may have the name of a link.
@@ -163,12 +162,12 @@ class ArmKinematics(ForwardKinematics):
 
 @dataclass(frozen=True, eq=False)
 class ScrewChain:
-    """A chain in numbers: end effector = product of (placement, joint motion), last placement.
+    """A chain as a product: (placement, joint motion) for each joint, then the last placement.
 
     Attributes:
-        placements: ``(dof + 1, 4, 4)`` of each joint in the frame of the one before, at zero, and
-            of the end effector in the last joint's.
-        axes: ``(dof, 6)`` the joints' unit twists in their own frames: linear, angular.
+        placements: ``(dof + 1, 4, 4)`` of each joint in the frame of the one before, at zero
+            position, and of the end effector in the last joint's.
+        axes: ``(dof, 6)`` unit twists of the joints in their own frames: linear, angular.
     """
 
     placements: FloatArray
@@ -176,12 +175,10 @@ class ScrewChain:
 
 
 def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
-    """Make sure that the frame's placement is where :meth:`ArmKinematics.linearise` looks for it.
-
-    Pinocchio does not promise to leave it there.
+    """Check that Pinocchio leaves the placement where :meth:`ArmKinematics.linearise` reads it.
 
     Raises:
-        MissingDependency: if this version of it does not.
+        MissingDependency: if this version does not; its documentation does not promise it.
     """
     for position in (0.3, -0.7):
         positions = np.full(model.nq, position)
@@ -199,19 +196,18 @@ def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ArmWorkspace:
-    """What an arm can reach is known exactly only by solving; this refuses the clearly too far.
+    """A ball that contains every reachable position.
 
     Attributes:
         centre: ``(3,)`` origin of the first joint in the base frame [m].
-        reach: the end effector is never farther from it [m].
+        reach: largest distance of the end effector from it [m].
     """
 
     centre: FloatArray
     reach: float
 
     def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
-        """See :meth:`annik_core.robots.robot.Workspace.resolve`: every pose is taken as it is."""
-        # Python's own numbers: three of them are not worth a call of NumPy.
+        """See :meth:`annik_core.robots.robot.Workspace.resolve`; the pose is not changed."""
         distance = dist(pose.tolist()[:3], self._centre)
         violation = None
         if distance > self.reach:
@@ -227,7 +223,7 @@ class ArmWorkspace:
         return coordinates
 
     def reference(self, joint_positions: FloatArray) -> FloatArray:
-        """Nothing: an arm's answer depends on the pose alone."""
+        """Empty: an arm's solution needs no reference."""
         return _NO_REFERENCE
 
 
@@ -235,15 +231,15 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     """The arm that a definition describes.
 
     Args:
-        definition: ``urdf``, the text; and, each of which may be left out, ``name``,
-            ``base_frame``, ``end_effector_frame`` (see :func:`serial_chain`)
-            and ``joint_box``: [lower, upper] of joints by name [rad or m]; the box of a joint that
-            it leaves out are its limits, or, where they are wider, the full turn in their middle;
-            and ``corrections``, see :class:`annik_core.robots.corrections.ArmCorrections`.
+        definition: ``urdf``, the text; and optionally ``name``, ``base_frame`` and
+            ``end_effector_frame`` (see :func:`serial_chain`), ``joint_box``, [lower, upper] of
+            joints by name [rad or m], by default a joint's limits, or, where they are wider, the
+            full turn in their middle; and ``corrections``, see
+            :class:`annik_core.robots.corrections.ArmCorrections`.
         source: what to call the definition in an error.
 
     Returns:
-        The robot. Its own definition holds the chain alone and everything that was left out.
+        The robot, whose own definition has the chain alone as URDF, and every optional entry.
 
     Raises:
         InvalidRobotDefinition: naming what is missing or wrong.
@@ -276,7 +272,7 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     name = checked_name(definition.get("name", chain.name), "name", source)
     corrections = None
     if definition.get("corrections") is not None:
-        corrections = ArmCorrections.from_plain_data(
+        corrections = ArmCorrections.from_dict(
             definition["corrections"], len(chain.joint_names), source
         )
     kinematics = ArmKinematics(
@@ -312,14 +308,14 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
                     chain.joint_names, box.lower, box.upper, strict=True
                 )
             },
-            **({} if corrections is None else {"corrections": corrections.as_plain_data()}),
+            **({} if corrections is None else {"corrections": corrections.to_dict()}),
         },
         error_bound=None if corrections is None else corrections.error_bound,
     )
 
 
 def _corrected(kinematics: ArmKinematics, corrections: ArmCorrections | None) -> ForwardKinematics:
-    """The kinematics with the corrections that are not placements."""
+    """The kinematics with the corrections of joints and end effector."""
     corrected: ForwardKinematics = kinematics
     if corrections is not None and corrections.joint_networks is not None:
         corrected = JointCorrectedKinematics(corrected, corrections.joint_networks)
@@ -331,7 +327,7 @@ def _corrected(kinematics: ArmKinematics, corrections: ArmCorrections | None) ->
 def _joint_box(
     entries: object, chain: SerialChain, limits: JointLimits, source: str
 ) -> JointLimits:
-    """The working joint box: what is given, and the limits for the rest."""
+    """The given joint box, completed by the limits."""
     if entries is None:
         entries = {}
     if not isinstance(entries, Mapping):
@@ -362,7 +358,7 @@ def _joint_box(
                 f"its limits [{limits.lower[index]:.6g}, {limits.upper[index]:.6g}]",
             )
         if chain.joint_types[index] == "revolute" and upper[index] - lower[index] > _FULL_TURN:
-            # A pose does not tell an angle from the same after a full turn.
+            # The pose is the same after a full turn.
             middle = 0.5 * (lower[index] + upper[index])
             if joint in entries:
                 raise InvalidRobotDefinition(
@@ -391,6 +387,6 @@ def _workspace(
         )
         if kind == "prismatic"
     ]
-    # The distances between successive origins are fixed, but for the strokes of prismatic joints.
+    # The distances between successive origins are fixed, except along prismatic joints.
     reach = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum()) + sum(strokes) + shift
     return ArmWorkspace(origins[0], reach * (1.0 + 1e-9) + 1e-9)

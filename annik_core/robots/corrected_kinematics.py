@@ -1,4 +1,4 @@
-"""Forward kinematics of an arm whose joints and end effector are not where they are told to be."""
+"""Forward kinematics of an arm with corrections of its joints and its end effector."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from annik_core.robots.robot import ForwardKinematics, Linearisation
 
 @dataclass(frozen=True, eq=False)
 class JointCorrectedKinematics(ForwardKinematics):
-    """Forward kinematics as a function of the commanded joint positions.
+    """Forward kinematics as a function of commanded instead of actual joint positions.
 
     Attributes:
         kinematics: of the actual joint positions.
@@ -30,23 +30,22 @@ class JointCorrectedKinematics(ForwardKinematics):
     def jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.robot.ForwardKinematics`."""
         jacobians = self.kinematics.jacobians(self.correction.actual(joint_positions))
-        return jacobians * self.correction.slopes(joint_positions)[:, np.newaxis, :]
+        return jacobians * self.correction.derivatives(joint_positions)[:, np.newaxis, :]
 
     def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
         """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
-        correction = self.correction
-        twist, jacobian, displacement = self.kinematics.linearise(
-            correction.actual(joint_positions), target
-        )
-        return Linearisation(twist, jacobian * correction.slopes(joint_positions), displacement)
+        actual = self.correction.actual(joint_positions)
+        twist, jacobian, displacement = self.kinematics.linearise(actual, target)
+        derivatives = self.correction.derivatives(joint_positions)
+        return Linearisation(twist, jacobian * derivatives, displacement)
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCorrectedKinematics(ForwardKinematics):
-    """Forward kinematics with a motion of the end effector in its own frame after it.
+    """Forward kinematics followed by a small motion of the end effector in its own frame.
 
-    The Jacobians are those without that motion, which changes with the joint positions a thousand
-    times less than the pose does: a search by them needs no step more.
+    The Jacobians are those without the motion, whose derivative is a thousand times smaller than
+    the pose's: a refinement takes no more steps.
 
     Attributes:
         kinematics: without the motion.
@@ -68,17 +67,17 @@ class PoseCorrectedKinematics(ForwardKinematics):
 
     def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
         """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
-        # To reach the target with the motion is to reach its reverse without.
+        # The target is reached with the motion where the target moved back is reached without it.
         motion = self.network.motions(joint_positions[np.newaxis])
         moved = _moved(target[np.newaxis], motion, reverse=True)[0]
         return self.kinematics.linearise(joint_positions, moved)
 
 
 def _moved(poses: FloatArray, motions: FloatArray, *, reverse: bool = False) -> FloatArray:
-    """Poses ``(n, 7)`` after motions ``(n, 6)`` in their own frames, or before them.
+    """Poses ``(n, 7)`` moved by twists ``(n, 6)`` in their own frames, or back by them.
 
-    The motions are so small that the exponential's coupling of rotation and translation is one
-    half of their cross product, to 1e-9 of a metre.
+    The twists are so small that half the cross product is the exponential's coupling of rotation
+    and translation, to 1e-9 m.
     """
     from scipy.spatial.transform import Rotation
 

@@ -1,13 +1,4 @@
-"""Kinematic corrections of an arm, found by calibration, and the bound of the error left.
-
-What a joint does of what it is told: corrections of the joint positions.
-
-What geometry and joints leave unexplained: a small correction of the end effector's pose.
-
-How far a learned model of a robot may be from the robot, pose by pose.
-
-In what a real arm differs from its description, as learned from measured poses.
-"""
+"""Kinematic corrections of an arm, found by calibration, and a bound of the remaining error."""
 
 from __future__ import annotations
 
@@ -29,20 +20,20 @@ from annik_core.robots.errors import InvalidRobotDefinition
 
 
 class JointCorrection(Protocol):
-    """Where joints really are, given the positions that were commanded."""
+    """Actual joint positions as functions of the commanded ones."""
 
     def actual(self, joint_positions: FloatArray) -> FloatArray:
         """Actual joint positions, ``(n, dof)`` or ``(dof,)`` as given [rad or m]."""
         ...
 
-    def slopes(self, joint_positions: FloatArray) -> FloatArray:
-        """Their derivatives by the commanded ones, of the same shape: each joint for itself."""
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
+        """Derivatives of the actual by the commanded ones, of the same shape, joint by joint."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class JointNetworks:
-    """A small network per joint: its correction as a function of its own position.
+    """A small network per joint: its correction as a function of its commanded position.
 
     ``actual = q + sum over hidden units of output_weight * tanh(input_weight * x + bias)``, where
     ``x = (q - centre) / half_width``.
@@ -66,15 +57,15 @@ class JointNetworks:
         corrections: FloatArray = (self.output_weights * self.activations(joint_positions)).sum(-1)
         return joint_positions + corrections
 
-    def slopes(self, joint_positions: FloatArray) -> FloatArray:
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`JointCorrection`."""
         inner = self.output_weights * self.input_weights / self.half_width[:, np.newaxis]
-        slopes: FloatArray = (inner * (1.0 - self.activations(joint_positions) ** 2)).sum(-1)
-        return 1.0 + slopes
+        derivatives: FloatArray = (inner * (1.0 - self.activations(joint_positions) ** 2)).sum(-1)
+        return 1.0 + derivatives
 
     @property
     def largest(self) -> FloatArray:
-        """``(dof,)`` what no correction exceeds [rad or m]."""
+        """``(dof,)`` an upper bound of the corrections [rad or m]."""
         return np.asarray(np.abs(self.output_weights).sum(axis=1), dtype=np.float64)
 
     def activations(self, joint_positions: FloatArray) -> FloatArray:
@@ -85,13 +76,13 @@ class JointNetworks:
         )
         return activations
 
-    def as_plain_data(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""
         return {name: array.tolist() for name, array in vars(self).items()}
 
     @classmethod
-    def from_plain_data(cls, data: Any, dof: int, source: str) -> JointNetworks:
-        """The reverse of :meth:`as_plain_data`.
+    def from_dict(cls, data: Any, dof: int, source: str) -> JointNetworks:
+        """The reverse of :meth:`to_dict`.
 
         Raises:
             InvalidRobotDefinition: naming what is missing or wrong.
@@ -109,10 +100,10 @@ class JointNetworks:
 
 @dataclass(frozen=True, eq=False)
 class PoseNetwork:
-    """A small network from all joint positions to a motion of the end effector in its own frame.
+    """A small network from the joint positions to a motion of the end effector in its own frame.
 
-    ``motion = output_weights @ tanh(input_weights @ x + biases)``, ``x`` being the joint positions
-    scaled to their box. The motion is a twist, to be applied by the exponential map.
+    ``motion = output_weights @ tanh(input_weights @ x + biases)``, where ``x`` are the joint
+    positions scaled to their box. The motion is a body twist, applied by the exponential map.
 
     Attributes:
         centre: ``(dof,)`` [rad or m].
@@ -135,7 +126,7 @@ class PoseNetwork:
 
     @property
     def largest_shift(self) -> float:
-        """What no motion shifts the end effector by more than [m]."""
+        """An upper bound of the end effector's shift [m]."""
         largest = np.abs(self.output_weights).sum(axis=1)
         linear, angular = np.linalg.norm(largest[:3]), np.linalg.norm(largest[3:])
         return float(linear * (1.0 + 0.5 * angular))
@@ -146,13 +137,13 @@ class PoseNetwork:
         activations: FloatArray = np.tanh(scaled @ self.input_weights.T + self.biases)
         return activations
 
-    def as_plain_data(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""
         return {name: array.tolist() for name, array in vars(self).items()}
 
     @classmethod
-    def from_plain_data(cls, data: Any, dof: int, source: str) -> PoseNetwork:
-        """The reverse of :meth:`as_plain_data`.
+    def from_dict(cls, data: Any, dof: int, source: str) -> PoseNetwork:
+        """The reverse of :meth:`to_dict`.
 
         Raises:
             InvalidRobotDefinition: naming what is missing or wrong.
@@ -172,13 +163,13 @@ class PoseNetwork:
         return cls(**arrays)
 
 
-#: Greatest logarithm of a bound that makes sense.
+#: Greatest logarithm of a bound.
 _LARGEST_EXPONENT = 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBound:
-    """The error that 95 of 100 poses stay below, as a function of the joint positions.
+    """A bound of the pose error that holds for 95 of 100 poses.
 
     Its logarithm is quadratic in ``x``, the joint positions scaled to their box: ``coefficients``
     times (1, x_i, x_i x_j for i <= j).
@@ -202,21 +193,21 @@ class ErrorBound:
         return math.exp(position), math.exp(orientation)
 
     def scaled(self, joint_positions: FloatArray) -> FloatArray:
-        """The joint positions ``(..., dof)``, the box being [-1, 1]; not beyond it.
+        """The joint positions ``(..., dof)`` scaled to [-1, 1] in their box, and clipped to it.
 
-        Outside the box nothing is known; a parabola would say anything there.
+        Outside the box the quadratic is not known to hold.
         """
         scaled = (joint_positions - self.centre) / self.half_width
         clipped: FloatArray = np.minimum(np.maximum(scaled, -1.0), 1.0)
         return clipped
 
-    def as_plain_data(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""
         return {name: array.tolist() for name, array in vars(self).items()}
 
     @classmethod
-    def from_plain_data(cls, data: Any, dof: int, source: str) -> ErrorBound:
-        """The reverse of :meth:`as_plain_data`.
+    def from_dict(cls, data: Any, dof: int, source: str) -> ErrorBound:
+        """The reverse of :meth:`to_dict`.
 
         Raises:
             InvalidRobotDefinition: naming what is missing or wrong.
@@ -230,7 +221,7 @@ class ErrorBound:
         ):
             check_shape(arrays[name], shape, f"{what}.{name}", source)
         check_positive(arrays["half_width"], f"{what}.half_width", source)
-        # Beyond it the exponential is no number.
+        # Beyond it the exponential overflows.
         if np.abs(arrays["coefficients"]).sum(axis=1).max() > _LARGEST_EXPONENT:
             raise InvalidRobotDefinition(source, f"{what}.coefficients are too large for bounds")
         return cls(**arrays)
@@ -253,12 +244,12 @@ class ArmCorrections:
     """The entry ``corrections`` of an arm's definition.
 
     Attributes:
-        placements: ``(dof + 1, 7)`` small motions, as poses, of all that follows: the first before
-            the first joint, in the base frame; number i after the i-th joint, in its frame.
+        placements: ``(dof + 1, 7)`` small motions, as poses, of all links that follow: the first
+            before the first joint, in the base frame; number i after the i-th joint, in its frame.
         joint_networks: corrections of the joint positions, or None.
         pose_network: a correction of the end effector's pose, or None.
-        error_bound: what error is left, or None if nobody knows.
-        provenance: from what they were learned, and how; plain data.
+        error_bound: the error that is left, or None if unknown.
+        provenance: from which measurements they were found, and how; JSON data.
     """
 
     placements: FloatArray
@@ -267,20 +258,20 @@ class ArmCorrections:
     error_bound: ErrorBound | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
-    def as_plain_data(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""
         data: dict[str, Any] = {"placements": self.placements.tolist()}
         for name in _PARTS:
             part = getattr(self, name)
             if part is not None:
-                data[name] = part.as_plain_data()
+                data[name] = part.to_dict()
         if self.provenance:
             data["provenance"] = dict(self.provenance)
         return data
 
     @classmethod
-    def from_plain_data(cls, data: Any, dof: int, source: str) -> ArmCorrections:
-        """The reverse of :meth:`as_plain_data`.
+    def from_dict(cls, data: Any, dof: int, source: str) -> ArmCorrections:
+        """The reverse of :meth:`to_dict`.
 
         Raises:
             InvalidRobotDefinition: naming what is missing or wrong.
@@ -303,7 +294,7 @@ class ArmCorrections:
                 source, "corrections.placements are not x, y, z and a unit quaternion each"
             )
         parts: dict[str, Any] = {
-            name: part.from_plain_data(data[name], dof, source)
+            name: part.from_dict(data[name], dof, source)
             for name, part in (
                 ("joint_networks", JointNetworks),
                 ("pose_network", PoseNetwork),

@@ -1,4 +1,4 @@
-"""Reading and checking the plain data of a robot definition."""
+"""Checks of the values in a robot definition."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from annik_core.pose import FloatArray
 from annik_core.robots.errors import InvalidRobotDefinition
 
-#: Numbers beyond it are slips, and what is computed of them overflows.
+#: Greatest number allowed: beyond it results overflow.
 _LARGEST = 1e6
-#: Least number that may be divided by.
+#: Least divisor allowed.
 _SMALLEST = 1e-9
 
 
 def checked_name(value: object, what: str, source: str) -> str:
-    """A name or a frame of a definition.
+    """Check a name or a frame of a definition.
 
     Args:
         value: as read.
@@ -25,7 +25,7 @@ def checked_name(value: object, what: str, source: str) -> str:
         source: what to call the definition in an error.
 
     Raises:
-        InvalidRobotDefinition: if it is not text, is blank, or can't be printed or sent.
+        InvalidRobotDefinition: if it is not text, is blank, or can't be printed.
     """
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise InvalidRobotDefinition(source, f"{what} is {value!r}: not a name")
@@ -33,7 +33,7 @@ def checked_name(value: object, what: str, source: str) -> str:
 
 
 def checked_numbers(value: object, what: str, source: str) -> FloatArray:
-    """A number of a definition, or nested lists of numbers, as an array.
+    """Convert a number of a definition, or nested lists of numbers, to an array.
 
     Args:
         value: as read.
@@ -41,7 +41,7 @@ def checked_numbers(value: object, what: str, source: str) -> FloatArray:
         source: what to call the definition in an error.
 
     Raises:
-        InvalidRobotDefinition: if it holds anything else, differs in length from row to row, or
+        InvalidRobotDefinition: if it holds anything else, its rows differ in length, or a number
             does not fit into a double.
     """
     if not is_numeric(value):
@@ -53,11 +53,10 @@ def checked_numbers(value: object, what: str, source: str) -> FloatArray:
 
 
 def is_numeric(value: object) -> bool:
-    """Whether it is a number or nested lists of numbers.
+    """Whether it is a number or nested lists of numbers; text and booleans are not.
 
-    NumPy also makes numbers of text and of true and false, which are slips in a file.
+    Without recursion, because a file may nest lists arbitrarily deep.
     """
-    # Without recursion: the lists of a file may be nested arbitrarily deep.
     remaining = [value]
     while remaining:
         item = remaining.pop()
@@ -71,7 +70,7 @@ def is_numeric(value: object) -> bool:
 def checked_arrays(
     data: Any, names: tuple[str, ...], what: str, source: str
 ) -> dict[str, FloatArray]:
-    """Finite arrays of a mapping that has just these names.
+    """Convert a mapping with exactly these names to finite arrays.
 
     Raises:
         InvalidRobotDefinition: naming what is missing, unknown, not finite or too large.
@@ -102,7 +101,7 @@ def check_shape(array: FloatArray, shape: tuple[int, ...], what: str, source: st
 
 
 def check_positive(array: FloatArray, what: str, source: str) -> None:
-    """Refuse zero and less, and what is as good as zero.
+    """Refuse numbers below the least divisor.
 
     Raises:
         InvalidRobotDefinition: naming the entry.

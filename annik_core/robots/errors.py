@@ -30,15 +30,3 @@ class InvalidRobotDefinition(RobotError):
         self.source = source
         self.problem = problem
         super().__init__(f"robot definition {source}: {problem}")
-
-
-class WrongJointCount(RobotError):
-    """An array of joint positions does not have one column per joint."""
-
-    def __init__(self, shape: tuple[int, ...], joint_names: Sequence[str]) -> None:
-        self.shape = shape
-        self.joint_names = tuple(joint_names)
-        super().__init__(
-            f"joint positions have shape {shape}; expected (n, {len(self.joint_names)}), "
-            f"one column for each of {', '.join(self.joint_names)}"
-        )

@@ -4,11 +4,10 @@ Equations (1)-(4): every task coordinate is a drive angle times a transmission r
 offset. Orientation is roll, pitch, yaw (the paper's psi, theta, phi).
 
 At a pitch of +-90 degrees, an edge of the paper's workspace, only the difference (or the sum) of
-roll and yaw turns the end effector: the drives of roll and yaw may move together without the pose
-changing, and no function of the pose alone can be continuous there. :class:`GantryWorkspace` then
-keeps roll and yaw as close as possible to those of the previous target, or, if there is none, to
-the middle of the workspace. It says so to the network by a pose tilted a tenth of a micro-radian
-away from the edge, where roll and yaw are unique again.
+roll and yaw turns the end effector (gimbal lock), and no function of the pose alone can be
+continuous there. :class:`GantryWorkspace` then keeps roll and yaw as close as possible to those of
+the previous target, or, if there is none, to the middle of the workspace. To select them, it gives
+the network a pose tilted by a tenth of a micro-radian, where roll and yaw are unique.
 """
 
 from __future__ import annotations
@@ -44,11 +43,11 @@ TASK_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 #: Rounding allowance at the faces of the workspace [m or rad].
 EDGE_TOLERANCE = 1e-6
-#: Closer than this to a pitch of +-90 degrees, roll and yaw are taken as not unique [rad]: a
-#: quaternion rounded to single precision says no more of them there.
+#: Closer than this to a pitch of +-90 degrees, roll and yaw count as not unique [rad]: there a
+#: quaternion in single precision does not determine them.
 GIMBAL_TOLERANCE = 1e-5
-#: How far from +-90 degrees the pose given to the network then is at least [rad]; the exported
-#: graph still tells roll and yaw apart at a tenth of it.
+#: Least tilt off +-90 degrees of the pose that the network is then given [rad]; the exported graph
+#: still separates roll and yaw at a tenth of it.
 GIMBAL_TILT = 1e-7
 
 _HALF_PI = 0.5 * np.pi
@@ -58,7 +57,7 @@ _ROLL, _PITCH, _YAW = 3, 4, 5
 
 @dataclass(frozen=True, eq=False)
 class GantryKinematics(ForwardKinematics):
-    """Direct and inverse kinematics of the gantry, eq. (1)-(4).
+    """Forward and inverse kinematics of the gantry, eq. (1)-(4).
 
     Attributes:
         joint_names: the six drives, in the order of :data:`TASK_COORDINATES`.
@@ -74,7 +73,7 @@ class GantryKinematics(ForwardKinematics):
         """``(n, 6)`` x, y, z [m], roll, pitch, yaw [rad] for drive angles ``(n, 6)``: eq. (1)-(2).
 
         Raises:
-            WrongJointCount: if the array is not ``(n, 6)``.
+            WrongShape: if the array is not ``(n, 6)``.
         """
         check_joint_count(joint_positions, self.joint_names)
         return joint_positions * self.ratio + self.offset
@@ -87,7 +86,7 @@ class GantryKinematics(ForwardKinematics):
         """End-effector poses ``(n, 7)``; see :class:`ForwardKinematics`."""
         task = self.task_coordinates(joint_positions)
         if len(task) == 1:
-            # The same, in a tenth of the time: it stands in the way of every command.
+            # In plain floats, a tenth of the time: it is on the hot path.
             x, y, z, *angles = task[0].tolist()
             return np.array([[x, y, z, *quaternion_from_roll_pitch_yaw(*angles)]])
         return pose_from_roll_pitch_yaw(task[:, :3], task[:, 3:])
@@ -108,10 +107,7 @@ class GantryKinematics(ForwardKinematics):
         return jacobians
 
     def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
-        """See :meth:`annik_core.robots.robot.ForwardKinematics.residuals`.
-
-        In Python's own numbers, like all that stands in the way of every command.
-        """
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.residuals`."""
         ratios, offsets = self._transmissions
         x, y, z, roll, pitch, yaw = map(add, map(mul, joint_positions.tolist(), ratios), offsets)
         quaternion = quaternion_from_roll_pitch_yaw(roll, pitch, yaw)
@@ -125,7 +121,7 @@ class GantryKinematics(ForwardKinematics):
 
 @dataclass(frozen=True, eq=False)
 class GantryWorkspace:
-    """The box of task coordinates that the working joint box reaches.
+    """The box of task coordinates that the joint box reaches.
 
     Attributes:
         kinematics: the gantry's.
@@ -159,8 +155,7 @@ class GantryWorkspace:
         least, greatest = self._least_tolerated
         if all(map(le, least, task)) and all(map(le, task, greatest)):
             return None
-        # A rounded quaternion moves roll and yaw the more, the closer the pitch is to the edge,
-        # though it turns the end effector no further.
+        # The closer the pitch is to the edge, the more a rounded quaternion changes roll and yaw.
         turning = EDGE_TOLERANCE / max(math.cos(task[_PITCH]), GIMBAL_TOLERANCE)
         lower, upper = self._bounds
         for axis, value in enumerate(task):
@@ -186,9 +181,9 @@ class GantryWorkspace:
 def _tilted_off_the_edge(
     angles: Numbers, reference: Numbers, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """The equivalent roll and yaw nearest the reference, with the pitch just off +-90 degrees.
+    """Roll, pitch, yaw of the same pose nearest to the reference, the pitch just off +-90 degrees.
 
-    If some equivalent roll and yaw are between ``lower`` and ``upper``, the nearest of these.
+    Roll and yaw between ``lower`` and ``upper`` are preferred, if there are any.
     """
     roll, pitch, yaw = angles
     side = 1.0 if pitch > 0 else -1.0

@@ -1,4 +1,4 @@
-"""Intervals of joint positions: the limits of the joints, and the box that examples come from."""
+"""Intervals of joint positions: the limits of the joints, and the joint box."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class JointLimits:
     Attributes:
         joint_names: the joints, in the order of the columns.
         lower: ``(dof,)`` [rad or m].
-        upper: ``(dof,)`` [rad or m], nowhere below ``lower``. Equal bounds lock a joint.
+        upper: ``(dof,)`` [rad or m], at least ``lower``. Equal bounds lock a joint.
     """
 
     joint_names: tuple[str, ...]
@@ -64,13 +64,13 @@ class JointLimits:
         return 0.5 * (self.lower + self.upper)
 
     def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """``(count, dof)``: independent and uniform in every interval."""
+        """Random joint positions ``(count, dof)``, independent and uniform in every interval."""
         return rng.uniform(self.lower, self.upper, (count, len(self.lower)))
 
     def contains(self, joint_positions: FloatArray) -> bool:
         """Whether ``(dof,)`` or every row of ``(n, dof)`` is inside. NaN is not."""
         if joint_positions.ndim == 1:
-            # Python's own numbers: for so few NumPy's comparisons take several times as long.
+            # Plain floats: for so few NumPy's comparisons take several times as long.
             lower, upper = self._bounds
             values = joint_positions.tolist()
             return all(map(le, lower, values)) and all(map(le, values, upper))
@@ -86,7 +86,7 @@ class JointLimits:
         return self.lower.tolist(), self.upper.tolist()
 
     def violation(self, joint_positions: FloatArray) -> str | None:
-        """What is wrong with ``(dof,)``: the first joint outside and its interval, or None."""
+        """The first joint of ``(dof,)`` that is outside, with its interval, or None."""
         if self.contains(joint_positions):
             return None
         outside = ~((joint_positions >= self.lower) & (joint_positions <= self.upper))

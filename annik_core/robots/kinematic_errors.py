@@ -1,10 +1,9 @@
-"""The ways in which the geometry of an arm can differ from its description.
+"""Geometric errors of an arm: the ways in which it can differ from its description.
 
-Denavit and Hartenberg's parameters, as small motions of all that follows a joint: along and about
-its axis (offset and zero of the joint), along and about the common normal to the next axis (length
-and twist of the link). Where two axes are parallel, the next can be askew in a second direction,
-which these four can't say [Hayati1983]_; and of base and tool they can't say all. The rest are
-errors of alignment here.
+The Denavit-Hartenberg parameters as small motions of all links that follow a joint: along and
+about its axis (offset and zero of the joint), along and about the common normal to the next axis
+(length and twist of the link). These four are incomplete for parallel axes [Hayati1983]_, for the
+base and for the tool; what they leave out is an error of alignment.
 
 References:
     [Hayati1983] S. A. Hayati: Robot arm geometric link parameter estimation. IEEE Conference on
@@ -22,15 +21,15 @@ import numpy as np
 from annik_core.pose import FloatArray
 from annik_core.robots.arm import ArmKinematics, ScrewChain
 
-#: Axes this near to parallel count as such [rad]: the common normal of such axes is far away,
-#: and, where a description rounds its angles as in rpy="3.1416 0 0", anywhere.
+#: Axes this near to parallel count as parallel [rad]: their common normal is far away, or, where a
+#: description rounds its angles as in rpy="3.1416 0 0", arbitrary.
 _PARALLEL = 0.02
 #: Axes this near to each other count as crossing [m].
 _CROSSING = 1e-6
 
 
 class ErrorKind(Enum):
-    """What differs, in the order in which the motions of one place follow each other."""
+    """Kinds of geometric errors, in the order in which the motions at one place are applied."""
 
     ALIGNMENT_OF_BASE = "alignment of the base"
     JOINT_ZERO = "zero"
@@ -41,7 +40,7 @@ class ErrorKind(Enum):
     TOOL_ALIGNMENT = "alignment of the end effector"
 
 
-#: The four of Denavit and Hartenberg.
+#: The four Denavit-Hartenberg parameters.
 DENAVIT_HARTENBERG = frozenset(
     {ErrorKind.JOINT_ZERO, ErrorKind.JOINT_OFFSET, ErrorKind.LINK_LENGTH, ErrorKind.LINK_TWIST}
 )
@@ -49,15 +48,15 @@ DENAVIT_HARTENBERG = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class GeometricError:
-    """One small motion of all that follows a place of the chain.
+    """One small motion of all links that follow a place of the chain.
 
     Attributes:
-        name: what differs, with the joint's name.
+        name: the kind in words, with the joint's name.
         kind: see :class:`ErrorKind`.
         place: 0: before the first joint, in the base frame; i: after the i-th joint, in its frame.
-        is_rotation: whether it turns [rad] or shifts [m].
+        is_rotation: whether it is a rotation [rad] or a translation [m].
         direction: ``(3,)`` unit vector.
-        point: ``(3,)`` a point of the axis that it turns about [m].
+        point: ``(3,)`` a point of the rotation axis [m].
     """
 
     name: str
@@ -68,7 +67,7 @@ class GeometricError:
     point: FloatArray
 
     def motion(self, amount: float) -> FloatArray:
-        """``(4, 4)`` the motion by an amount [rad or m]."""
+        """The motion ``(4, 4)`` by an amount [rad or m]."""
         motion = np.eye(4)
         if not self.is_rotation:
             motion[:3, 3] = amount * self.direction
@@ -82,7 +81,7 @@ class GeometricError:
 
 
 def geometric_errors(kinematics: ArmKinematics) -> tuple[GeometricError, ...]:
-    """All geometric errors of an arm, in the order in which they act from the base on."""
+    """All geometric errors of an arm, in the order from the base to the end effector."""
     chain = kinematics.screws
     errors = _base_errors(chain, kinematics.joint_names[0])
     for number, joint in enumerate(kinematics.joint_names, 1):
@@ -110,7 +109,7 @@ def placements_of(
 
 
 def _base_errors(chain: ScrewChain, joint: str) -> list[GeometricError]:
-    """Where the first axis is, in the two directions that its own motions don't change."""
+    """Position and direction of the first axis, in the two directions across it."""
     placement, (_, direction) = chain.placements[0], _axis(chain, 0)
     axis = placement[:3, :3] @ direction
     return [
@@ -165,7 +164,7 @@ def _axis(chain: ScrewChain, index: int) -> tuple[FloatArray, FloatArray]:
 def _common_normal(chain: ScrewChain, number: int) -> tuple[FloatArray, FloatArray]:
     """Foot and direction of the common normal from a joint's axis to the next, in its frame.
 
-    The last joint's is where the end effector is.
+    That of the last joint is at the end effector.
     """
     _, axis = _axis(chain, number - 1)
     placement = chain.placements[number]

@@ -18,7 +18,7 @@ from annik_core.robots.robot import Robot
 from annik_core.robots.urdf import BYTE_ORDER_MARK
 
 _KINDS = {"arm": arm_from_definition, "gantry": gantry_from_definition}
-#: A definition is a few levels deep; one of many more, or that holds itself, is none.
+#: Deepest nesting of a definition; one that contains itself has no end.
 _MAX_DEPTH = 16
 
 
@@ -34,17 +34,17 @@ def load_robot(
     end_effector_frame: str | None = None,
     joint_box: Mapping[str, Sequence[float]] | None = None,
 ) -> Robot:
-    """A robot by name, by the path of its definition or URDF, or by the text of a URDF.
+    """Load a robot by name, by the path of its definition or URDF, or from the text of a URDF.
 
     Args:
         source: a packaged robot's name, the path of a definition (.yaml) or a URDF (.urdf or
-            .xml), or the text that the parameter ``robot_description`` has.
-        base_frame: of an arm: the link that poses are given in; left out, the definition's, or
+            .xml), or the text of a URDF, as in the parameter ``robot_description``.
+        base_frame: of an arm: the link in which poses are given; by default the definition's, or
             else the root of the URDF.
-        end_effector_frame: of an arm: the link whose pose it is; left out, the definition's, or
-            else the tip of the URDF, if it has only one.
-        joint_box: of an arm: the working box, [lower, upper] of joints by name [rad or m]; equal
-            bounds lock a joint. It goes before the definition's, joint by joint.
+        end_effector_frame: of an arm: the link whose pose is meant; by default the definition's,
+            or else the tip of the URDF, if it has only one.
+        joint_box: of an arm: [lower, upper] of joints by name [rad or m], which replace those of
+            the definition; equal bounds lock a joint.
 
     Raises:
         UnknownRobot: if there is no such robot or file; lists the packaged names.
@@ -73,13 +73,13 @@ def load_robot(
 def _box_of_chain(
     box: Mapping[str, Any], definition: Mapping[str, Any], source: str
 ) -> dict[str, Any]:
-    """The part of a definition's joint box that is left between other frames than its own."""
+    """The part of a definition's joint box that belongs to joints between other frames."""
     whole = robot_from_definition({**definition, "joint_box": None}, source)
     return {joint: bounds for joint, bounds in box.items() if joint in whole.joint_names}
 
 
 def _definition(source: str | Path) -> tuple[Any, str]:
-    """What describes the robot, as read, and what to call it in an error."""
+    """The definition as read, and what to call it in an error."""
     if isinstance(source, str) and source.removeprefix(BYTE_ORDER_MARK).lstrip().startswith("<"):
         return {"kind": "arm", "urdf": source}, "robot_description"
     path = Path(source)
@@ -93,7 +93,7 @@ def _definition(source: str | Path) -> tuple[Any, str]:
         definition = yaml.safe_load(_text(path, path))
     except InvalidRobotDefinition:
         raise
-    # Besides YAMLError, PyYAML lets through whatever an ill-formed date, number or tag runs into.
+    # Malformed dates, numbers and tags raise exceptions that are not YAMLErrors.
     except Exception as error:
         raise InvalidRobotDefinition(str(path), f"not readable as YAML: {error}") from error
     if isinstance(definition, dict) and "urdf_file" in definition:
@@ -122,8 +122,8 @@ def robot_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     """The robot that a definition describes, such as the one inside a model file.
 
     Args:
-        definition: plain data, as JSON has it: a mapping with ``kind`` and what that kind needs.
-            The robot keeps a copy.
+        definition: a mapping of JSON data, with ``kind`` and the entries of that kind. The robot
+            keeps a copy.
         source: what to call the definition in an error.
 
     Raises:
@@ -131,7 +131,7 @@ def robot_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     """
     if not isinstance(definition, Mapping):
         raise InvalidRobotDefinition(source, "not a mapping of names to values")
-    # A model file carries it as JSON, and its hash is taken of that.
+    # A model file carries it as JSON, and the hash is computed from that.
     plain = {key: _plain_data(value, str(key), source) for key, value in definition.items()}
     _check_keys(plain, "the definition", source)
     kind = plain.get("kind")
@@ -143,7 +143,7 @@ def robot_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
 
 
 def _plain_data(value: Any, where: str, source: str, depth: int = 1) -> Any:
-    """A copy, if it is what JSON can hold and gives back unchanged."""
+    """A copy of data that JSON can hold without loss."""
     if depth > _MAX_DEPTH:
         raise InvalidRobotDefinition(source, f"nested deeper than {_MAX_DEPTH} levels: {where}")
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""What annik knows of a robot: joints, limits, frames, forward kinematics, workspace."""
+"""A robot: joints, limits, frames, forward kinematics, workspace."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from annik_core.errors import WrongShape
 from annik_core.pose import FloatArray, Numbers, rotation_matrix, single_pose_difference
-from annik_core.robots.errors import WrongJointCount
 from annik_core.robots.joint_limits import JointLimits
 
 if TYPE_CHECKING:
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 
 class Linearisation(NamedTuple):
-    """The error to a target at some joint positions, and how joint motion changes it.
+    """Pose error to a target at some joint positions, and its derivative.
 
-    Everything is expressed in the axes of the end-effector frame, linear rows before angular ones.
-    To first order, a joint motion ``dq`` takes ``jacobian @ dq`` off ``twist``.
+    All in the axes of the end-effector frame (body twist, body Jacobian), linear rows first. To
+    first order, a joint motion ``dq`` reduces ``twist`` by ``jacobian @ dq``.
 
     Attributes:
-        twist: ``(6,)`` the motion of the end effector that reaches the target [m], [rad]. For an
-            arm it is the body twist, the logarithm of the motion from the one frame to the other;
-            for the gantry its linear part is ``displacement``, which is the same to first order.
-        jacobian: ``(6, dof)`` the body Jacobian, per unit of joint velocity.
-        displacement: ``(3,)`` from the end effector to the target's position [m].
+        twist: ``(6,)`` motion of the end effector that reaches the target [m], [rad]. For an arm,
+            the logarithm of the relative pose (SE(3)); for the gantry, displacement and rotation
+            vector, which is the same to first order.
+        jacobian: ``(6, dof)``.
+        displacement: ``(3,)`` from the end effector to the target [m].
     """
 
     twist: FloatArray
@@ -40,7 +40,7 @@ class Linearisation(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """Norm of the twist, in metres and radians."""
+        """Norm of the twist, metres and radians together."""
         return float(np.linalg.norm(self.twist))
 
     @property
@@ -50,7 +50,7 @@ class Linearisation(NamedTuple):
 
 
 class ForwardKinematics(Protocol):
-    """Where the end effector is, given the joint positions. Batched."""
+    """Pose and Jacobian of the end effector as functions of the joint positions."""
 
     def poses(self, joint_positions: FloatArray) -> FloatArray:
         """End-effector poses ``(n, 7)`` in the base frame for joint positions ``(n, dof)``."""
@@ -59,19 +59,19 @@ class ForwardKinematics(Protocol):
     def jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """Geometric Jacobians ``(n, 6, dof)`` for joint positions ``(n, dof)``.
 
-        Rows 0-2 are the linear, rows 3-5 the angular velocity of the end effector, both in the
-        base frame, per unit of joint velocity.
+        In the axes of the base frame: rows 0-2 are the linear, rows 3-5 the angular velocity of
+        the end effector per unit of joint velocity.
         """
         ...
 
     def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
-        """The error to one target pose ``(7,)`` at joint positions ``(dof,)``.
+        """Error to one target pose ``(7,)`` and its derivative at joint positions ``(dof,)``.
 
-        By :meth:`poses` and :meth:`jacobians`, where a robot knows no quicker way.
+        By default from :meth:`poses` and :meth:`jacobians`.
         """
         achieved = self.poses(joint_positions[np.newaxis])[0]
         position, rotation = single_pose_difference(target, achieved)
-        # Rows: the axes of the end-effector frame in the base frame.
+        # From the base frame's axes to the end effector's.
         axes = rotation_matrix(achieved[3:]).T
         displacement = axes @ position
         jacobian = self.jacobians(joint_positions[np.newaxis])[0]
@@ -84,18 +84,17 @@ class ForwardKinematics(Protocol):
     def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
         """Distance [m] and angle [rad] to one target pose ``(7,)`` at joint positions ``(dof,)``.
 
-        Those of :meth:`linearise`, where a robot knows no quicker way.
+        By default from :meth:`linearise`.
         """
         return self.linearise(joint_positions, target).residuals
 
 
 class ResolvedTarget(NamedTuple):
-    """A target as the network should see it, and whether the workspace holds it.
+    """A target as the network should see it, and whether it is in the workspace.
 
     Attributes:
-        pose: ``(7,)``. The target itself, or, where several joint positions reach the same pose
-            (a singularity of the robot's orientation axes), a pose within 20 micro-radians of
-            it that only one of them reaches.
+        pose: ``(7,)`` the target; or, at a singularity where several joint positions reach it, a
+            pose within 20 micro-radians that only one of them reaches.
         violation: what is outside which bound, or None if the target is in the workspace.
         reference: which of several solutions is meant; see :class:`Workspace`.
     """
@@ -108,10 +107,9 @@ class ResolvedTarget(NamedTuple):
 class Workspace(Protocol):
     """The poses that the robot is meant to reach.
 
-    Where a pose leaves a choice between joint positions, a *reference* says which are meant:
-    numbers whose meaning only the workspace knows. Each resolved target gives the reference for
-    the next. It is exact, unlike the network's answer, by which small errors would add up while
-    the robot holds one pose.
+    Where a pose leaves a choice between joint positions, a *reference* selects one of them; its
+    meaning is private to the workspace. Each resolved target gives the reference for the next,
+    which is exact: the network's errors do not add up while the robot holds a pose.
     """
 
     def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
@@ -119,12 +117,12 @@ class Workspace(Protocol):
 
         Args:
             pose: a checked pose.
-            reference: what to stay close to where the pose leaves a choice, if anything.
+            reference: what to stay close to where the pose leaves a choice; None: nothing.
         """
         ...
 
     def reference(self, joint_positions: FloatArray) -> FloatArray:
-        """The reference by which these joint positions ``(dof,)`` are the ones meant."""
+        """The reference that selects these joint positions ``(dof,)``."""
         ...
 
 
@@ -134,18 +132,18 @@ class Robot:
 
     Attributes:
         name: short name, such as ``gantry``.
-        kind: which kind of kinematics the definition describes.
+        kind: ``arm`` or ``gantry``.
         joint_names: the joints, in the order of every joint-position array.
         joint_types: ``revolute`` or ``prismatic``, one per joint.
-        joint_limits: what the joints can do; a command is never outside.
-        joint_box: the part of it that examples are drawn from and the network is trained for.
+        joint_limits: limits of the joint positions; a command is never outside.
+        joint_box: the part of them that the network is trained for and solutions are in.
         base_frame: the frame of every pose.
-        end_effector_frame: the frame whose pose it is.
+        end_effector_frame: the frame whose pose is meant.
         forward_kinematics: see :class:`ForwardKinematics`.
         workspace: see :class:`Workspace`.
-        definition: the whole definition, as plain data; a model file carries it.
-        error_bound: how far the real robot may be from these forward kinematics, if they were
-            learned from it; None if nobody knows.
+        definition: the whole definition as JSON data; a model file carries it.
+        error_bound: of a calibrated robot, how far it may be from these forward kinematics; None
+            if unknown.
     """
 
     name: str
@@ -168,17 +166,17 @@ class Robot:
 
     @cached_property
     def definition_hash(self) -> str:
-        """SHA-256 of the definition, to recognise the robot by: two equal robots, one hash."""
+        """SHA-256 of the definition: equal for equal robots."""
         return _sha256(self.definition)
 
     @property
     def nominal_definition(self) -> Mapping[str, Any]:
-        """The definition without what was learned of the robot."""
+        """The definition without the corrections of a calibration."""
         return {key: entry for key, entry in self.definition.items() if key != "corrections"}
 
     @cached_property
     def nominal_hash(self) -> str:
-        """SHA-256 of that: one robot as described, and as learned today and tomorrow, one hash."""
+        """SHA-256 of :attr:`nominal_definition`: equal before and after a calibration."""
         return _sha256(self.nominal_definition)
 
 
@@ -191,7 +189,8 @@ def check_joint_count(joint_positions: FloatArray, joint_names: tuple[str, ...])
     """Refuse an array that is not ``(n, dof)``.
 
     Raises:
-        WrongJointCount: naming the joints.
+        WrongShape: naming the joints.
     """
     if joint_positions.ndim != 2 or joint_positions.shape[1] != len(joint_names):
-        raise WrongJointCount(joint_positions.shape, joint_names)
+        expected = f"(n, {len(joint_names)}), one column for each of {', '.join(joint_names)}"
+        raise WrongShape("joint positions", joint_positions.shape, expected)

@@ -1,8 +1,7 @@
-"""The serial chain between two frames of a URDF, checked, and written out anew on its own.
+"""The serial chain between two frames of a URDF: read, checked, and written as a URDF of its own.
 
-Only what moves the end effector is kept: a model file carries kinematics, not meshes. Pinocchio
-reads the result; what it would drop, or answer with a line on the terminal, is refused
-here with the reason and the remedy.
+Only the kinematics are kept, since a model file carries no meshes. What Pinocchio would ignore
+silently is refused here, with the reason and the remedy.
 """
 
 from __future__ import annotations
@@ -15,17 +14,17 @@ from xml.etree import ElementTree
 from annik_core.robots.definition import checked_name
 from annik_core.robots.errors import InvalidRobotDefinition
 
-#: Joint types of a URDF that move, and what they are to a robot.
+#: Moving joint types of a URDF, and their type in a robot.
 MOVING_TYPES = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
-#: A continuous joint may be commanded this far either way [rad]; a URDF gives it no limits.
+#: Limits of a continuous joint, to either side [rad]; a URDF gives it none.
 CONTINUOUS_LIMIT = 2.0 * math.pi
-#: More joints than any arm has, fixed ones included; Pinocchio's reader nests that deep.
+#: Most joints of a chain, fixed ones included; Pinocchio's reader recurses that deep.
 MAX_CHAIN = 256
-#: A description is some 100 kB with all its links; one of many times that is a mesh by mistake.
+#: Most characters of a URDF; a description is some 100 kB with all its links.
 MAX_LENGTH = 16 * 1024 * 1024
-#: How a text may begin that was a file of Windows.
+#: May begin a text file from Windows.
 BYTE_ORDER_MARK = "\ufeff"
-#: An axis is a direction, of any length whose square is a number and not zero.
+#: Lengths of an axis whose squares neither overflow nor vanish.
 _AXIS_LENGTHS = (1e-100, 1e100)
 
 
@@ -36,9 +35,9 @@ class SerialChain:
     Attributes:
         name: the robot's, as the URDF gives it.
         urdf: the chain alone, as URDF text that is the same for the same chain.
-        base_frame: the link that it begins at.
-        end_effector_frame: the link that it ends at.
-        joint_names: the joints that move, from the base on.
+        base_frame: its first link.
+        end_effector_frame: its last link.
+        joint_names: the moving joints, from the base on.
         joint_types: ``revolute`` or ``prismatic``, one per joint.
         continuous: whether each joint turns without limits.
         lower: lower limits [rad or m]; for a continuous joint :data:`CONTINUOUS_LIMIT`.
@@ -64,8 +63,8 @@ def serial_chain(
     Args:
         urdf: the text, such as the parameter ``robot_description`` has.
         source: what to call it in an error.
-        base_frame: the link to begin at; left out, the root of the tree.
-        end_effector_frame: the link to end at; left out, the tip, if there is only one.
+        base_frame: its first link; by default the root of the tree.
+        end_effector_frame: its last link; by default the tip, if there is only one.
 
     Raises:
         InvalidRobotDefinition: if the text is not a URDF, or the chain can't be used; names the
@@ -129,7 +128,7 @@ def serial_chain(
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint as the URDF has it."""
+    """A joint of the URDF."""
 
     name: str
     kind: str
@@ -152,7 +151,7 @@ class _Joint:
 
 @dataclass(frozen=True)
 class _ChainJoint(_Joint):
-    """A joint of the chain, with its numbers; nobody needs those of the others."""
+    """A joint of the chain, with its numbers; those of other joints are not read."""
 
     xyz: tuple[float, ...]
     rpy: tuple[float, ...]
@@ -176,7 +175,7 @@ class _ChainJoint(_Joint):
             xyz=_vector(origin, "xyz", (0.0, 0.0, 0.0), what, source),
             rpy=_vector(origin, "rpy", (0.0, 0.0, 0.0), what, source),
             axis=_vector(axis, "xyz", (1.0, 0.0, 0.0), what, source),
-            # Those of a continuous joint mean nothing, and are written as -inf and inf by some.
+            # A continuous joint has no limits; some descriptions write -inf and inf.
             lower=None if kind == "continuous" else _number(limit, "lower", what, source),
             upper=None if kind == "continuous" else _number(limit, "upper", what, source),
             mimicked=None if mimic is None else mimic.get("joint", "?"),
@@ -184,14 +183,14 @@ class _ChainJoint(_Joint):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit [rad or m] of a joint that was checked."""
+        """Lower and upper limit [rad or m] of a checked joint."""
         if self.kind == "continuous":
             return -CONTINUOUS_LIMIT, CONTINUOUS_LIMIT
         assert self.lower is not None and self.upper is not None
         return self.lower, self.upper
 
     def check(self, source: str) -> None:
-        """Refuse what a joint of the chain can't be."""
+        """Refuse a moving joint that is not supported."""
         what = f"joint {self.name!r}"
         if self.kind not in MOVING_TYPES:
             raise InvalidRobotDefinition(
@@ -305,7 +304,7 @@ def _check_unique(names: Sequence[str], what: str, source: str) -> None:
 
 
 def _check_no_ring(by_child: dict[str, _Joint], source: str) -> None:
-    """Refuse joints by which a link would hang on itself."""
+    """Refuse joints that form a ring."""
     rooted: set[str] = set()
     for link in by_child:
         above: list[str] = []
@@ -353,7 +352,7 @@ def _only_tip(
 
 
 def _ancestors(link: str, by_child: dict[str, _Joint]) -> list[str]:
-    """The links above one, the nearest first."""
+    """The links between one and the root, nearest first."""
     above: list[str] = []
     while link in by_child:
         link = by_child[link].parent
@@ -379,11 +378,11 @@ def _listed(names: Sequence[str], most: int = 12) -> str:
 
 
 def _written(name: str, base: str, chain: Sequence[_ChainJoint]) -> str:
-    """The chain as URDF text. ``repr`` keeps every number to the last bit."""
+    """The chain as URDF text; ``repr`` keeps every bit of a number."""
     root = ElementTree.Element("robot", name=name)
     ElementTree.SubElement(root, "link", name=base)
     for joint in chain:
-        # Pinocchio holds a continuous joint as cosine and sine; its position is wanted.
+        # Pinocchio represents a continuous joint by cosine and sine, not by its position.
         kind = "revolute" if joint.kind == "continuous" else joint.kind
         element = ElementTree.SubElement(root, "joint", name=joint.name, type=kind)
         ElementTree.SubElement(element, "parent", link=joint.parent)
@@ -392,7 +391,7 @@ def _written(name: str, base: str, chain: Sequence[_ChainJoint]) -> str:
         if kind != "fixed":
             lower, upper = joint.limits
             ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
-            # A URDF must give effort and velocity; the kinematics has no use for them.
+            # Required by the format, not used.
             ElementTree.SubElement(
                 element, "limit", lower=repr(lower), upper=repr(upper), effort="0", velocity="0"
             )

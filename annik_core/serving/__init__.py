@@ -1,1 +1,1 @@
-"""A stream of targets, without ROS: answers, statistics, stamps."""
+"""A stream of targets, without ROS: solving, statistics, stamps."""

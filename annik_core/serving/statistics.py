@@ -1,9 +1,4 @@
-"""Counts of outcomes, and percentiles of solve times and residuals.
-
-Count what became of everything that was received.
-
-Counts of targets by outcome, and percentiles of the latest times and expected errors.
-"""
+"""Counts of outcomes, and percentiles of solve times, latencies and expected errors."""
 
 from __future__ import annotations
 
@@ -19,17 +14,13 @@ from annik_core.solver.result import IkResult
 
 @dataclass(frozen=True)
 class OutcomeSummary:
-    """Counts since the start, and what the last period adds to them.
+    """Counts since the start, and those of the last period.
 
     Attributes:
         received: ``accepted + refused``, exactly.
-        accepted: how many were acted on.
-        refused: how many were not.
-        refused_by_reason: the refused ones by reason, in the order of first occurrence.
-        accepted_in_period: how many were accepted in the last period.
-        refused_in_period: how many were refused in the last period.
+        refused_by_reason: in the order of first occurrence.
         rate: received per second in the last period [Hz]; 0 if it had no duration.
-        last_refusal: why the latest one was refused, in one line; empty if none was.
+        last_refusal: the latest reason, in one line; empty if nothing was refused.
     """
 
     received: int
@@ -43,7 +34,7 @@ class OutcomeSummary:
 
 
 class OutcomeCounts:
-    """Counts outcomes; every item received is recorded once, as accepted or as refused."""
+    """Counts outcomes: each item received is recorded once, as accepted or as refused."""
 
     def __init__(self, now: float) -> None:
         """Start counting, and the first period, at ``now`` [s] of a clock that never goes back."""
@@ -55,11 +46,11 @@ class OutcomeCounts:
         self._refused_before = 0
 
     def record_accepted(self) -> None:
-        """Count one that was acted on."""
+        """Count one that was accepted."""
         self._accepted += 1
 
     def record_refused(self, reason: str, explanation: str) -> None:
-        """Count one that was refused, for a ``reason`` from a short list, explained in a line."""
+        """Count one that was refused, by a ``reason`` from a short list, explained in one line."""
         self._refused[reason] += 1
         self._last_refusal = explanation
 
@@ -86,12 +77,12 @@ class OutcomeCounts:
         return summary
 
 
-#: How many of the latest times the percentiles are taken over.
+#: Number of latest values that the percentiles are computed from.
 WINDOW = 1000
 
 
 class Percentiles(NamedTuple):
-    """Of the latest values; NaN before the first."""
+    """Percentiles of the latest values; NaN before the first."""
 
     p50: float
     p99: float
@@ -100,14 +91,13 @@ class Percentiles(NamedTuple):
 
 @dataclass(frozen=True)
 class SolveSummary:
-    """What became of the targets, and how long the latest ones took.
+    """Counts of the targets, and times of the latest ones.
 
     Attributes:
         outcomes: counts of the targets.
-        solve_time: time to answer a target.
-        latency: time from the arrival of an accepted target to its command.
-        expected_error: expected position errors of the latest accepted ones [m]; NaN if nobody
-            knows.
+        solve_time: time to solve a target [s].
+        latency: time from the arrival of an accepted target to its command [s].
+        expected_error: expected position errors of the latest accepted ones [m]; NaN if unknown.
     """
 
     outcomes: OutcomeSummary
@@ -117,14 +107,14 @@ class SolveSummary:
 
 
 class SolveStatistics:
-    """Records the answers of a solver."""
+    """Records the results of a solver."""
 
     def __init__(self, now: float, window: int = WINDOW) -> None:
         """Start counting at ``now`` [s] of a clock that never goes back.
 
         Args:
             now: start of the first period [s].
-            window: how many of the latest times to keep; at least 1.
+            window: number of latest values to keep; at least 1.
         """
         self._outcomes = OutcomeCounts(now)
         self._solve_times: deque[float] = deque(maxlen=max(1, window))
@@ -132,13 +122,13 @@ class SolveStatistics:
         self._expected_errors: deque[float] = deque(maxlen=max(1, window))
 
     def record(self, result: IkResult, solve_time: float | None = None) -> None:
-        """Count one answer and the time that it took [s], if that is one target's."""
+        """Count one result and its solve time [s], unless it is that of a path."""
         if solve_time is not None:
             self._solve_times.append(solve_time)
         if result.accepted:
             self._outcomes.record_accepted()
             if math.isnan(result.expected_position_error):
-                # Another model than before, of which nobody knows.
+                # The model has been replaced by one without an error bound.
                 self._expected_errors.clear()
             else:
                 self._expected_errors.append(result.expected_position_error)

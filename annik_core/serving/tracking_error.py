@@ -1,4 +1,4 @@
-"""How far the robot is from where it was sent."""
+"""Tracking error: target minus achieved pose."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ class TrackingError:
 
     Attributes:
         position: ``(3,)`` [m].
-        orientation: ``(3,)`` rotation vector that turns the achieved orientation into the
-            target's [rad]; its norm is the angle.
+        orientation: ``(3,)`` rotation vector from the achieved orientation to the target's [rad].
     """
 
     position: FloatArray

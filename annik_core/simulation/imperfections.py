@@ -45,7 +45,7 @@ class PeriodicTransmissionError(JointCorrection):
         )
         return actual
 
-    def slopes(self, joint_positions: FloatArray) -> FloatArray:
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.corrections.JointCorrection`."""
         slopes: FloatArray = 1.0 + self.amplitude * np.cos(joint_positions + self.phase)
         return slopes

@@ -121,8 +121,7 @@ class IkSolver:
             The solution or the refusal. Never raises for a bad target of seven numbers.
 
         Raises:
-            WrongShape: if ``pose`` is not seven numbers.
-            WrongJointCount: if ``previous`` is not one position per joint.
+            WrongShape: if ``pose`` is not seven numbers, or ``previous`` not one per joint.
         """
         reference, context = None, self._alone
         if previous is not None or motion is not None:
@@ -159,7 +158,7 @@ class IkSolver:
 
     @cached_property
     def _refinement(self) -> Refinement:
-        # Loaded for those who refine only: the linear algebra behind it takes a while.
+        # Loaded in refined mode only, because its linear algebra loads slowly.
         from annik_core.solver.refinement import Refinement
 
         robot = self.robot

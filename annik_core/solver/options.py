@@ -1,4 +1,4 @@
-"""How far a solution is refined, and what comes of it."""
+"""Options and result of a refinement."""
 
 from __future__ import annotations
 

@@ -1,16 +1,15 @@
-"""Polish a network's answer on the forward kinematics, in a bounded number of steps.
+"""Refine a solution on the forward kinematics, in a bounded number of steps.
 
-Each step solves min |J dq - e|^2 + (c |e|^2 + b) |dq|^2 for the twist e that is missing, in
-metres and radians [Sugihara2011]_: far from the target it is damped and so never wild, near it is
-Newton's and converges quadratically. The working joint box holds throughout: where a step would
-take joints out, they stop at their bounds, and the others are solved for again with what is then
-left of e. No step is random, and no step is taken back, so the same start and target give the same
-answer in the same time.
+Each step solves min |J dq - e|^2 + (c |e|^2 + b) |dq|^2 for the error twist e in metres and
+radians [Sugihara2011]_: damped far from the target, Newton's step near it, with quadratic
+convergence. Joints that a step would take out of the joint box stop at their bounds, and the
+others are solved for again. No step is random or taken back: the same start and target give the
+same solution in the same number of operations.
 
-If a search stops short of the target, it began on the wrong side of a singularity. It begins anew
-beyond it, see :mod:`annik_core.solver.singularity`: across the fold from where it began and from
-where it ended, the start that is nearer to the target first. The steps of all searches count
-together.
+A search that stops short of the target began on the wrong side of a singularity. It is repeated
+from beyond the singularities nearest to its start and to its end, see
+:mod:`annik_core.solver.singularity`, the nearer to the target first. The steps of all searches
+count together.
 
 References:
     [Sugihara2011] T. Sugihara: Solvability-unconcerned inverse kinematics by the
@@ -34,29 +33,28 @@ from annik_core.solver.singularity import reflected_across_singularity
 
 #: c, the damping for an error of 1 m or 1 rad.
 _DAMPING = 0.01
-#: Below this squared error [m^2 and rad^2] a Newton step is tried first, without damping: it is
-#: quicker to compute,
+#: Below this squared error [m^2 and rad^2] a Newton step is tried first: it is quicker to compute.
 _NEAR = 0.01
-#: and taken if its squared length is below this [rad^2 or m^2], as it is not at a singularity.
+#: It is taken if its squared length is below this [rad^2 or m^2], which excludes singularities.
 _SHORT = 0.04
-#: b, which keeps the system solvable at a singularity.
+#: b, which keeps the system regular at a singularity.
 _LEAST_DAMPING = 1e-12
 #: Identity matrices by size.
 _IDENTITY = [np.eye(size, order="F") for size in range(33)]
-#: Steps before a search may count as stuck; the first ones may lead around a bend.
+#: Steps before a search may count as stuck.
 _PATIENCE = 3
-#: Stuck: a step leaves more than this part of the squared error.
+#: A search is stuck if a step leaves more than this part of the squared error.
 _STUCK = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """Polishes joint positions for one robot.
+    """Refines joint positions of one robot.
 
     Attributes:
         kinematics: the robot's forward kinematics.
-        box: the working joint box; locked joints have equal bounds.
-        options: how far to polish.
+        box: the joint box; locked joints have equal bounds.
+        options: when it ends.
     """
 
     kinematics: ForwardKinematics
@@ -64,12 +62,12 @@ class Refinement:
     options: RefinementOptions = RefinementOptions()
 
     def refine(self, start: FloatArray, target: FloatArray) -> RefinementResult:
-        """The solution for a target ``(7,)`` that a search from ``start`` ``(dof,)`` finds.
+        """Search for joint positions that reach a target ``(7,)``, a checked pose.
 
         Args:
-            start: joint positions, usually the network's answer; moved into the box first. If they
-                are not finite, nothing is searched.
-            target: a checked pose.
+            start: ``(dof,)``, usually the network's solution; moved into the box first. If it is
+                not finite, no step is taken.
+            target: see above.
         """
         begin = self._projected(start)
         result = self._search(begin, target, self.options.max_newton_steps)
@@ -91,7 +89,7 @@ class Refinement:
                     self.box.free,
                 )
             )
-            # Where there is none it would be the same search again.
+            # Where there is no singularity it would be the same search again.
             if not any(np.array_equal(beyond, other) for other in known):
                 known.append(beyond)
         starts = sorted(
@@ -103,7 +101,7 @@ class Refinement:
             steps += result.newton_steps
             if result.converged:
                 return result._replace(newton_steps=steps)
-        # What did not converge is reported as it was, without the detours.
+        # Without convergence the first search is reported.
         return first._replace(newton_steps=steps)
 
     def _search(self, start: FloatArray, target: FloatArray, most: int) -> RefinementResult:
@@ -115,7 +113,7 @@ class Refinement:
             twist = linear.twist
             squared = float(twist.dot(twist))
             stuck = steps >= _PATIENCE and squared > _STUCK * last
-            # Not '<=': NaN ends it too.
+            # Not '<=', so that NaN ends it too.
             if not squared > close or steps >= most or stuck:
                 break
             step = self._step(linear.jacobian, twist, squared, positions)
@@ -131,7 +129,7 @@ class Refinement:
     def _step(
         self, jacobian: FloatArray, twist: FloatArray, squared: float, positions: FloatArray
     ) -> FloatArray | None:
-        """Joint positions one step on, inside the box; None if there is no such step."""
+        """Joint positions after one step, inside the box; None if it can't be computed."""
         moving = self.box.free
         some_locked = len(moving) < len(positions)
         if some_locked:
@@ -159,14 +157,14 @@ class Refinement:
         positions: FloatArray,
         candidate: FloatArray,
     ) -> FloatArray | None:
-        """The step with the joints that would leave the box stopped at their bounds.
+        """The step in which joints that would leave the box stop at their bounds.
 
         Args:
             jacobian: ``(6, free)``.
-            twist: ``(6,)`` what is missing.
+            twist: ``(6,)`` the error.
             damping: of the least squares.
-            positions: ``(dof,)`` where the step begins.
-            candidate: ``(dof,)`` where it would end without the box; is changed.
+            positions: ``(dof,)`` before the step.
+            candidate: ``(dof,)`` after the step without the box; overwritten.
         """
         lower, upper = self.box.lower, self.box.upper
         moving, columns = self.box.free, np.arange(len(self.box.free))
@@ -195,7 +193,7 @@ class Refinement:
 
 
 def _short_newton_step(jacobian: FloatArray, twist: FloatArray) -> FloatArray | None:
-    """The motion of J dq = e, if there is one and it is short: then no damping is needed."""
+    """The joint motion of J dq = e; None if there is none, or it is long and needs damping."""
     if len(twist) != jacobian.shape[1]:
         return None
     _, _, motion, fault = dgesv(jacobian, twist)
@@ -205,9 +203,9 @@ def _short_newton_step(jacobian: FloatArray, twist: FloatArray) -> FloatArray | 
 def _damped_least_squares(
     jacobian: FloatArray, twist: FloatArray, damping: float
 ) -> FloatArray | None:
-    """The motion of least |J dq - e|^2 + damping |dq|^2; None if it can't be computed."""
+    """The joint motion of least |J dq - e|^2 + damping |dq|^2; None if it can't be computed."""
     transposed = jacobian.T
-    # Of several ways to write this, all equal, the quickest for matrices as small as these.
+    # The quickest of several equivalent ways for matrices of this size.
     normal = dsyrk(1.0, transposed, damping, _IDENTITY[len(transposed)])
     _, motion, fault = dposv(normal, transposed.dot(twist), overwrite_a=1, overwrite_b=1)
     return None if fault else motion

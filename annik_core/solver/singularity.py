@@ -1,11 +1,9 @@
-"""Across a fold of the inverse kinematics: from one solution's neighbourhood to the other's.
+"""Reflection across a singularity, from one branch of the inverse kinematics to the other.
 
-Where the Jacobian loses rank two solutions of one pose meet, as the two halves of a sheet of paper
-meet at its fold. Between them lies the singularity, at which the least singular value sigma of the
-Jacobian is zero, and its right singular vector v is the direction that leads across. A search that
-began on the wrong side ends at the fold, or at a limit before it, and does not cross it by itself.
-Not every singularity is a fold: at a wrist's, two axes are in line, the direction v only turns
-their joints against each other, and there is nothing to cross.
+Two branches meet where the least singular value sigma of the Jacobian is zero; the right singular
+vector v is the direction across. A search that began on the wrong branch ends at the singularity,
+or at a limit before it, and does not cross it by itself. Not every singularity separates branches:
+where two wrist axes are aligned, v only turns their joints against each other.
 """
 
 from __future__ import annotations
@@ -19,13 +17,13 @@ from annik_core.pose import FloatArray
 
 #: Step of the finite difference of the Jacobian along v [rad or m].
 _STEP = 1e-4
-#: How far to go, in distances to the fold: 2 is the mirror image, if both sides were alike. Short
-#: of it the search falls back; beyond it, it comes back to the solution on that side.
+#: Length of the reflection, in distances to the singularity. The mirror image, at 2, may be too
+#: short; from beyond it, a search still finds the solution on that branch.
 _DISTANCES = 3.0
-#: Never farther than this [rad or m]: the distance is a linear guess.
+#: Greatest length of the reflection [rad or m], since the distance is a linear estimate.
 _FARTHEST = 1.5
-#: Change of sigma along v below which no fold is in that direction [per rad or m].
-_LEAST_SLOPE = 1e-9
+#: Derivative of sigma along v below which no singularity is in that direction [per rad or m].
+_LEAST_DERIVATIVE = 1e-9
 
 
 def reflected_across_singularity(
@@ -33,13 +31,13 @@ def reflected_across_singularity(
     joint_positions: FloatArray,
     free: NDArray[np.int64],
 ) -> FloatArray:
-    """Joint positions ``(dof,)`` beyond the nearest fold.
+    """Joint positions ``(dof,)`` beyond the nearest singularity; the same if there is none.
 
-    With sigma = u^T J v, the fold is about sigma / (u^T (dJ/dv) v) away along -v.
+    With sigma = u^T J v, the singularity is about sigma / (u^T (dJ/dv) v) away along -v.
 
     Args:
-        jacobian: ``(dof,)`` to ``(6, dof)``.
-        joint_positions: ``(dof,)`` where to look from.
+        jacobian: ``(dof,)`` to ``(6, dof)``, in any axes.
+        joint_positions: ``(dof,)`` where to begin.
         free: indices of the joints that may move.
     """
     left, singular, right = np.linalg.svd(jacobian(joint_positions)[:, free], full_matrices=False)
@@ -48,9 +46,9 @@ def reflected_across_singularity(
     ahead, behind = (
         jacobian(joint_positions + side * _STEP * across)[:, free] for side in (1.0, -1.0)
     )
-    slope = float(left[:, -1] @ (ahead - behind) @ right[-1]) / (2.0 * _STEP)
-    if abs(slope) < _LEAST_SLOPE:
+    derivative = float(left[:, -1] @ (ahead - behind) @ right[-1]) / (2.0 * _STEP)
+    if abs(derivative) < _LEAST_DERIVATIVE:
         return joint_positions
-    distance = -_DISTANCES * float(singular[-1]) / slope
+    distance = -_DISTANCES * float(singular[-1]) / derivative
     beyond: FloatArray = joint_positions + max(-_FARTHEST, min(_FARTHEST, distance)) * across
     return beyond

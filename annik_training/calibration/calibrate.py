@@ -149,7 +149,7 @@ class LearnedRobot:
             provenance=self.provenance,
         )
         nominal = self.dataset.robot
-        definition = {**nominal.definition, "corrections": corrections.as_plain_data()}
+        definition = {**nominal.definition, "corrections": corrections.to_dict()}
         return robot_from_definition(definition, f"learned {nominal.name}")
 
     @property

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from annik_core.errors import InvalidValue
 from annik_core.model.artifact import default_model_path
-from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
+from annik_core.pose import POSE_FIELDS, FloatArray, pose_from_roll_pitch_yaw
 from annik_core.robots.library import load_robot
 from annik_core.safety import (
     COMMAND_CHECKS,
@@ -160,8 +160,7 @@ def test_by_default_a_command_near_the_measured_robot_is_a_first_one(bench: Benc
     far[0] += 0.19
     result = bench.server.solve(far)
     assert result.status is IkStatus.FIRST_COMMAND_TOO_FAR
-    assert "x_drive_joint would go to" in result.reason
-    assert "is measured at" in result.reason
+    assert all(word in result.reason for word in ("x_drive_joint", "measured", "0.2"))
     assert bench.server.solve(POSES[0]).accepted
     # It is not the first any more.
     assert bench.server.solve(far).accepted
@@ -184,7 +183,7 @@ def test_without_a_measurement_the_rule_decides(rule: FirstCommandRule, accepted
     assert result.accepted is accepted
     if not accepted:
         assert result.status is IkStatus.FIRST_COMMAND_TOO_FAR
-        assert "publish joint_states" in result.reason
+        assert "joint_states" in result.reason
         bench.measured = bench.joint_positions(POSES[0])
         assert bench.server.solve(POSES[0]).accepted
 
@@ -215,7 +214,7 @@ def test_a_joint_may_not_go_faster_than_its_limit() -> None:
     bench.now += 1.9 * step
     refused = bench.server.solve(POSES[1])
     assert refused.status is IkStatus.JOINT_VELOCITY_TOO_LARGE
-    assert "at most 0.5 is allowed" in refused.reason
+    assert "0.5" in refused.reason
     bench.now += 0.2 * step
     assert bench.server.solve(POSES[1]).accepted
 
@@ -246,7 +245,7 @@ def test_the_velocity_is_step_by_time(
 
 @pytest.mark.parametrize(
     ("index", "value", "text"),
-    [(0, 0.6, "position.x is 0.6 m"), (1, -1.0, "position.y"), (2, 0.9, "allows 0.1 to 0.8 m")],
+    [(0, 0.6, "0.6 m"), (1, -1.0, "-1 m"), (2, 0.9, "0.1 to 0.8 m")],
 )
 def test_a_target_outside_of_the_workspace_box_is_refused(
     index: int, value: float, text: str
@@ -259,6 +258,7 @@ def test_a_target_outside_of_the_workspace_box_is_refused(
     pose[index] = value
     refused = bench.server.solve(pose)
     assert refused.status is IkStatus.OUTSIDE_WORKSPACE_BOX
+    assert POSE_FIELDS[index] in refused.reason
     assert text in refused.reason
     assert bench.server.solve(POSES[0]).accepted
     pose[index] = math.nan

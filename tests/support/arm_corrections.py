@@ -54,5 +54,5 @@ def identity_corrections(robot: Robot) -> ArmCorrections:
 
 def corrected(robot: Robot, corrections: ArmCorrections) -> Robot:
     """The robot with these corrections in its definition."""
-    definition = {**robot.definition, "corrections": corrections.as_plain_data()}
+    definition = {**robot.definition, "corrections": corrections.to_dict()}
     return robot_from_definition(definition, "corrected")

@@ -32,7 +32,7 @@ def learned_robot() -> Robot:
         error_bound=ErrorBound(box.centre, 0.5 * (box.upper - box.lower), coefficients),
         provenance={"examples": 102},
     )
-    definition = {**nominal.definition, "corrections": corrections.as_plain_data()}
+    definition = {**nominal.definition, "corrections": corrections.to_dict()}
     return robot_from_definition(definition, "the test's")
 
 

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from support.refused_definition import refused_definition
 from support.urdf_texts import DECLARATION, J1, J2, TWO_JOINTS, joint, planar_arm, urdf
 
-from annik_core.errors import MissingDependency
+from annik_core.errors import MissingDependency, WrongShape
 from annik_core.pose import FloatArray, pose_difference
 from annik_core.robots.arm import ArmKinematics
-from annik_core.robots.errors import InvalidRobotDefinition, WrongJointCount
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import ForwardKinematics, Robot
 
@@ -45,9 +45,12 @@ def anywhere(robot: Robot, count: int) -> FloatArray:
     return np.random.default_rng(1).uniform(limits.lower, limits.upper, (count, robot.dof))
 
 
-def refused(source: str, problem: str, **options: object) -> None:
-    with pytest.raises(InvalidRobotDefinition, match=problem):
-        load_robot(source, **options)
+def refused(source: str, *named: str, **options: object) -> None:
+    refused_definition(lambda: load_robot(source, **options), *named)
+
+
+def refused_entries(entries: dict[str, object], *named: str) -> None:
+    refused_definition(lambda: robot_from_definition({"kind": "arm", **entries}, "test"), *named)
 
 
 class TestJointBox:
@@ -100,35 +103,34 @@ class TestJointBox:
         assert robot.joint_box.upper[1] == 10
 
     def test_wider_than_a_turn_is_refused(self) -> None:
-        refused(CONTINUOUS, "joint_box of j2 is wider than a full turn", joint_box={"j2": [-4, 4]})
+        refused(CONTINUOUS, "joint_box of j2", "full turn", joint_box={"j2": [-4, 4]})
 
     @pytest.mark.parametrize("bounds", [[-1.1, 0], [0, 1.1], [2, 3]])
     def test_outside_the_limits_is_refused(self, bounds: list[float]) -> None:
-        problem = r"joint_box of j1 is \[.*\], not inside its limits \[-1, 1\]"
-        refused(TWO_JOINTS, problem, joint_box={"j1": bounds})
+        refused(TWO_JOINTS, "joint_box of j1", "[-1, 1]", joint_box={"j1": bounds})
 
     def test_of_a_continuous_joint_beyond_its_limits_is_refused(self) -> None:
-        refused(CONTINUOUS, r"its limits \[-6.28319, 6.28319\]", joint_box={"j2": [5, 7]})
+        refused(CONTINUOUS, "joint_box of j2", "[-6.28319, 6.28319]", joint_box={"j2": [5, 7]})
 
     @pytest.mark.parametrize(
-        ("box", "problem"),
+        ("box", "named"),
         [
-            ({"j9": [0, 1]}, "names 'j9', which is no joint of the chain: j1, j2"),
-            ({"j1": [0.5, 0.0]}, r"joint_box of j1 is \[0.5, 0.0\], not \[lower, upper\]"),
-            ({"j1": [0]}, "not .lower, upper"),
-            ({"j1": [0, 0, 0]}, "not .lower, upper"),
-            ({"j1": 0.5}, "not .lower, upper"),
-            ({"j1": [math.nan, 0]}, "not finite"),
-            ({"j1": [0, math.inf]}, "not finite"),
-            ({"j1": ["0", "1"]}, "joint_box of j1: text"),
-            ({"j1": None}, "joint_box of j1: text"),
-            ({"j1": [0, 10**400]}, "joint_box of j1: malformed"),
-            ([[0, 1], [0, 1]], "'joint_box' is not a mapping"),
-            ({"j1": [0, 0], "j2": [1, 1]}, "'joint_box' locks every joint"),
+            ({"j9": [0, 1]}, ["joint_box", "'j9'", "j1, j2"]),
+            ({"j1": [0.5, 0.0]}, ["joint_box of j1", "[0.5, 0.0]", "[lower, upper]"]),
+            ({"j1": [0]}, ["joint_box of j1", "[lower, upper]"]),
+            ({"j1": [0, 0, 0]}, ["joint_box of j1", "[lower, upper]"]),
+            ({"j1": 0.5}, ["joint_box of j1", "[lower, upper]"]),
+            ({"j1": [math.nan, 0]}, ["j1", "finite"]),
+            ({"j1": [0, math.inf]}, ["j1", "finite"]),
+            ({"j1": ["0", "1"]}, ["joint_box of j1", "text"]),
+            ({"j1": None}, ["joint_box of j1"]),
+            ({"j1": [0, 10**400]}, ["joint_box of j1", "malformed"]),
+            ([[0, 1], [0, 1]], ["joint_box", "mapping"]),
+            ({"j1": [0, 0], "j2": [1, 1]}, ["joint_box", "every joint"]),
         ],
     )
-    def test_that_makes_no_sense_is_refused(self, box: object, problem: str) -> None:
-        refused(TWO_JOINTS, problem, joint_box=box)
+    def test_that_makes_no_sense_is_refused(self, box: object, named: list[str]) -> None:
+        refused(TWO_JOINTS, *named, joint_box=box)
 
     @pytest.mark.parametrize("at", [-1.0, 0.0, 0.3, 1.0])
     def test_of_no_width_locks_a_joint(self, at: float) -> None:
@@ -198,49 +200,48 @@ class TestDefinition:
 
     def test_with_an_unknown_entry_is_refused(self) -> None:
         """It may be the slip of a pen, such as joint_boxes."""
-        with pytest.raises(
-            InvalidRobotDefinition, match="'joint_boxes' is not an entry of an arm"
-        ):
-            robot_from_definition({"kind": "arm", "urdf": TWO_JOINTS, "joint_boxes": {}}, "test")
+        refused_entries({"urdf": TWO_JOINTS, "joint_boxes": {}}, "'joint_boxes'", "joint_box,")
 
     @pytest.mark.parametrize("text", [None, 3, ["<robot/>"]])
     def test_without_a_urdf_is_refused(self, text: object) -> None:
-        with pytest.raises(InvalidRobotDefinition, match="'urdf' is missing"):
-            robot_from_definition({"kind": "arm", "urdf": text}, "test")
+        refused_entries({"urdf": text}, "'urdf'", "missing")
 
     @pytest.mark.parametrize("key", ["base_frame", "end_effector_frame"])
     @pytest.mark.parametrize("name", ["", " ", 7, "a\nb"])
     def test_with_a_frame_that_is_no_name_is_refused(self, key: str, name: object) -> None:
-        with pytest.raises(InvalidRobotDefinition, match=f"{key} is .*not a name"):
-            robot_from_definition({"kind": "arm", "urdf": TWO_JOINTS, key: name}, "test")
+        refused_entries({"urdf": TWO_JOINTS, key: name}, key, repr(name))
 
     def test_frames_can_be_changed(self) -> None:
         whole = load_robot("ur5e")
         part = load_robot(TWO_JOINTS, base_frame="b", end_effector_frame="c")
         assert (part.base_frame, part.end_effector_frame) == ("b", "c")
         assert part.joint_names == ("j2",)
-        refused("ur5e", "'nowhere' is not a link of the URDF", end_effector_frame="nowhere")
+        refused("ur5e", "end_effector_frame", "'nowhere'", end_effector_frame="nowhere")
         again = load_robot("ur5e", base_frame=whole.base_frame)
         assert again.definition_hash == whole.definition_hash
 
 
 class TestPinocchio:
-    """Only arms need it, and who lacks it is told what to install."""
+    """Only arms need it; without it, the error tells what to install."""
 
     def test_missing(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pinocchio", None)
-        with pytest.raises(MissingDependency, match="pip install pin"):
+        with pytest.raises(MissingDependency) as caught:
             load_robot("ur5e")
+        assert caught.value.library == "pinocchio"
+        assert "pip install pin" in caught.value.remedy
         assert load_robot("gantry").name == "gantry"
 
     def test_another_project_of_this_name(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pinocchio", types.ModuleType("pinocchio"))
-        with pytest.raises(MissingDependency, match=r"pip install pin.* is another project"):
+        with pytest.raises(MissingDependency) as caught:
             load_robot("ur5e")
+        assert caught.value.library == "pinocchio"
+        assert "pip install pin" in caught.value.remedy
 
     def test_is_not_asked_for_a_faulty_chain(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pinocchio", None)
-        refused("<robot/>", "no links")
+        refused("<robot/>", "links")
 
 
 class TestKinematics:
@@ -265,8 +266,10 @@ class TestKinematics:
     def test_wrong_joint_count_names_the_joints(self, shape: tuple[int, ...]) -> None:
         kinematics = load_robot(TWO_JOINTS).forward_kinematics
         for function in (kinematics.poses, kinematics.jacobians):
-            with pytest.raises(WrongJointCount, match="j1, j2"):
+            with pytest.raises(WrongShape) as caught:
                 function(np.zeros(shape))
+            assert caught.value.shape == shape
+            assert "j1, j2" in caught.value.expected
 
     def test_the_error_is_the_pose_difference(self, arm: Robot) -> None:
         """Everywhere in its distances, near the target in its twist."""
@@ -388,19 +391,19 @@ class TestWorkspace:
         workspace = load_robot(planar_arm()).workspace
         assert workspace.resolve(np.array([2.0, 0, 0, 0, 0, 0, 1]), None).violation is None
         violation = workspace.resolve(np.array([0, -2.01, 0, 0, 0, 0, 1]), None).violation
-        assert (
-            violation == "the target is 2.01 m from the first joint, the arm reaches at most 2 m"
-        )
+        assert violation is not None
+        assert "2.01 m" in violation
+        assert "2 m" in violation.split("2.01 m")[1]
 
     @pytest.mark.parametrize("far", [1e3, 1e200, 1.7e308])
     def test_refuses_any_distance_without_a_warning(self, arm: Robot, far: float) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             for pose in ([far, 0, 0, 0, 0, 0, 1], [-far, far, -far, 0, 0, 0, 1]):
-                assert "reaches at most" in str(arm.workspace.resolve(np.array(pose), None)[1])
+                assert arm.workspace.resolve(np.array(pose), None).violation is not None
 
     def test_remembers_nothing(self, arm: Robot) -> None:
-        """An arm's answer depends on the pose alone."""
+        """An arm's solution depends on the pose alone."""
         assert arm.workspace.reference(arm.joint_box.centre).size == 0
 
 
@@ -418,5 +421,7 @@ def test_a_pinocchio_that_leaves_no_placement_is_refused(monkeypatch: pytest.Mon
     arm = load_robot("ur5e").forward_kinematics
     monkeypatch.setattr(pinocchio, "computeFrameJacobian", lambda *_: np.zeros((6, 6)))
     fresh = ArmKinematics(arm.joint_names, arm.urdf, arm.end_effector_frame)
-    with pytest.raises(MissingDependency, match="computes Jacobians in another way"):
+    with pytest.raises(MissingDependency) as caught:
         fresh.joint_origins  # noqa: B018
+    assert caught.value.library == "pinocchio"
+    assert pinocchio.__version__ in caught.value.remedy

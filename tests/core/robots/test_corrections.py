@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 from support.arm_corrections import corrected, drawn_corrections, identity_corrections
+from support.refused_definition import refused_definition
 from support.urdf_texts import planar_arm
 
 from annik_core.robots.arm import ArmKinematics
@@ -70,7 +71,7 @@ def by_hand(robot: Robot, corrections: ArmCorrections, joint_positions: np.ndarr
     """``(4, 4)`` by exponentials of matrices, joint by joint, from the entries of the JSON."""
     kinematics = robot.forward_kinematics
     assert isinstance(kinematics, ArmKinematics)
-    chain, data = kinematics.screws, corrections.as_plain_data()
+    chain, data = kinematics.screws, corrections.to_dict()
     joints, pose = data["joint_networks"], data["pose_network"]
     matrix = matrix_of(np.array(data["placements"][0]))
     scaled = []
@@ -157,74 +158,81 @@ def changed(path: str, value: Any) -> dict[str, Any]:
     return data
 
 
-def refused(corrections: Any, problem: str) -> None:
+def refused(corrections: Any, *named: str) -> None:
     definition = {**nominal_named("ur5e").definition, "corrections": corrections}
-    with pytest.raises(InvalidRobotDefinition, match=problem):
-        robot_from_definition(definition, "bad.yaml")
+    error = refused_definition(lambda: robot_from_definition(definition, "bad.yaml"), *named)
+    assert error.source == "bad.yaml"
 
 
 PLACEMENT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "problem"),
+    ("path", "value", "named"),
     [
-        ("placements", ..., "'corrections' is not a mapping with placements"),
-        ("placements", None, "corrections.placements: text, true, false or nothing"),
-        ("placements", "none", "corrections.placements: text"),
-        ("placements", [PLACEMENT] * 6, r"placements has shape \(6, 7\), not \(7, 7\)"),
-        ("placements", [PLACEMENT[:6]] * 7, r"placements has shape \(7, 6\), not \(7, 7\)"),
-        ("placements", [*[PLACEMENT] * 6, [0.0]], "corrections.placements: malformed"),
-        ("placements", [*[PLACEMENT] * 6, [0.0] * 7], "corrections.placements are not x, y, z"),
-        ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], 2.0]], "unit quaternion"),
-        ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], True]], "true, false"),
-        ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], math.nan]], "placements.*not finite"),
-        ("placements", [*[PLACEMENT] * 6, [math.inf, *PLACEMENT[1:]]], "placements.*not finite"),
-        ("placements", [*[PLACEMENT] * 6, [10**400, *PLACEMENT[1:]]], "placements: malformed"),
-        ("screws", [], "corrections.screws is not one of placements, joint_networks, pose_n"),
-        ("joint_networks", [], "corrections.joint_networks is not a mapping"),
-        ("joint_networks", False, "corrections.joint_networks is not a mapping"),
-        ("joint_networks.biases", ..., "corrections.joint_networks.biases is missing"),
-        ("joint_networks.bias", 0, "corrections.joint_networks.bias is unknown"),
-        ("joint_networks.biases", 0.0, r"joint_networks.biases has shape \(\), not"),
-        ("joint_networks.input_weights", 0.0, r"joint_networks.input_weights has shape \(\)"),
-        ("joint_networks.output_weights", [[0.0]] * 6, "joint_networks.output_weights has shape"),
-        ("joint_networks.half_width", [1, 1, 1, 1, 1, 0], "joint_networks.half_width is not pos"),
-        ("joint_networks.half_width", [1, 1, 1, 1, 1, -1], "joint_networks.half_width is not po"),
-        ("joint_networks.centre", [0] * 5, r"joint_networks.centre has shape \(5,\), not \(6,\)"),
-        ("joint_networks.centre", ["0"] * 6, "corrections.joint_networks.centre: text"),
-        ("pose_network", 1, "corrections.pose_network is not a mapping"),
-        ("pose_network.centre", ..., "corrections.pose_network.centre is missing"),
-        ("pose_network.biases", 0.0, "corrections.pose_network.input_weights has shape"),
-        ("pose_network.biases", [0.0] * 3, "corrections.pose_network.input_weights has shape"),
-        ("pose_network.output_weights", [[0.0] * 4] * 5, "pose_network.output_weights has shape"),
-        ("pose_network.half_width", [0.0] * 6, "pose_network.half_width is not positive"),
-        ("joint_networks.half_width", [5e-324] * 6, "joint_networks.half_width is below 1e-09"),
-        ("joint_networks.output_weights", [[1.7e308] * 4] * 6, "output_weights is beyond 1e\\+06"),
-        ("pose_network.output_weights", [[-1e308] * 4] * 6, "output_weights is beyond 1e\\+06"),
-        ("error_bound", "small", "corrections.error_bound is not a mapping"),
-        ("error_bound.coefficients", [[0.0] * 28], r"error_bound.coefficients has shape"),
-        ("error_bound.coefficients", [[4.0] * 28] * 2, "coefficients are too large for bounds"),
-        ("error_bound.half_width", [0.0] * 6, "corrections.error_bound.half_width is not posit"),
-        ("error_bound.centre", None, "corrections.error_bound.centre: text"),
-        ("provenance", "measured", "corrections.provenance is not a mapping"),
-        ("provenance", [], "corrections.provenance is not a mapping"),
-        ("provenance", False, "corrections.provenance is not a mapping"),
+        ("placements", [PLACEMENT] * 6, "(6, 7); (7, 7)"),
+        ("placements", [PLACEMENT[:6]] * 7, "(7, 6); (7, 7)"),
+        ("placements", None, ""),
+        ("placements", "none", "text"),
+        ("placements", [*[PLACEMENT] * 6, [0.0]], "malformed"),
+        ("placements", [*[PLACEMENT] * 6, [0.0] * 7], "quaternion"),
+        ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], 2.0]], "quaternion"),
+        ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], True]], "true"),
+        ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], math.nan]], "finite"),
+        ("placements", [*[PLACEMENT] * 6, [math.inf, *PLACEMENT[1:]]], "finite"),
+        ("placements", [*[PLACEMENT] * 6, [10**400, *PLACEMENT[1:]]], "malformed"),
+        ("screws", [], "placements; joint_networks; pose_network"),
+        ("joint_networks", [], "mapping"),
+        ("joint_networks", False, "mapping"),
+        ("joint_networks.biases", ..., "missing"),
+        ("joint_networks.bias", 0, "unknown"),
+        ("joint_networks.biases", 0.0, "()"),
+        ("joint_networks.input_weights", 0.0, "()"),
+        ("joint_networks.output_weights", [[0.0]] * 6, "(6, 1)"),
+        ("joint_networks.half_width", [1, 1, 1, 1, 1, 0], "positive"),
+        ("joint_networks.half_width", [1, 1, 1, 1, 1, -1], "positive"),
+        ("joint_networks.centre", [0] * 5, "(5,); (6,)"),
+        ("joint_networks.centre", ["0"] * 6, "text"),
+        ("pose_network", 1, "mapping"),
+        ("pose_network.centre", ..., "missing"),
+        ("pose_network.output_weights", [[0.0] * 4] * 5, "(5, 4)"),
+        ("pose_network.half_width", [0.0] * 6, "positive"),
+        ("joint_networks.half_width", [5e-324] * 6, "1e-09"),
+        ("joint_networks.output_weights", [[1.7e308] * 4] * 6, "1e+06"),
+        ("pose_network.output_weights", [[-1e308] * 4] * 6, "1e+06"),
+        ("error_bound", "small", "mapping"),
+        ("error_bound.coefficients", [[0.0] * 28], "(1, 28)"),
+        ("error_bound.coefficients", [[4.0] * 28] * 2, "large"),
+        ("error_bound.half_width", [0.0] * 6, "positive"),
+        ("error_bound.centre", None, ""),
+        ("provenance", "measured", "mapping"),
+        ("provenance", [], "mapping"),
+        ("provenance", False, "mapping"),
     ],
 )
-def test_a_malformed_entry_is_refused_by_name(path: str, value: Any, problem: str) -> None:
-    refused(changed(path, value), problem)
+def test_a_malformed_entry_is_refused_by_name(path: str, value: Any, named: str) -> None:
+    """The path, and the words and values that tell what is wrong."""
+    refused(changed(path, value), f"corrections.{path}", *named.split("; "))
+
+
+def test_weights_and_biases_must_fit_each_other() -> None:
+    for biases in (0.0, [0.0] * 3):
+        refused(changed("pose_network.biases", biases), "corrections.pose_network.input_weights")
+
+
+def test_placements_must_be_given() -> None:
+    refused(changed("placements", ...), "'corrections'", "placements")
 
 
 @pytest.mark.parametrize("corrections", [True, 0, "none", [], [[0] * 7] * 7, {}])
 def test_what_are_no_corrections_is_refused(corrections: Any) -> None:
-    refused(corrections, "'corrections' is not a mapping with placements")
+    refused(corrections, "'corrections'", "placements")
 
 
 def test_a_refusal_is_the_same_every_time() -> None:
     """Of several slips the first by name, not one at random."""
     data = changed("joint_networks", {"zebra": 1, "apple": 2, "mango": 3, "centre": [0] * 6})
-    refused(data, "corrections.joint_networks.apple is unknown")
+    refused(data, "corrections.joint_networks.apple", "unknown")
 
 
 _JUNK = st.recursive(
@@ -262,7 +270,7 @@ def test_junk_is_taken_or_refused_but_never_raises_anything_else(
         lambda: robot_from_definition(
             {**nominal_named("ur5e").definition, "corrections": data}, "x"
         ),
-        lambda: ArmCorrections.from_plain_data(data, 6, "x"),
+        lambda: ArmCorrections.from_dict(data, 6, "x"),
     ):
         try:
             read()

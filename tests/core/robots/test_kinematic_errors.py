@@ -111,7 +111,7 @@ def test_placements_are_the_errors_one_after_the_other(source: str) -> None:
     amounts = rng.normal(size=len(errors)) * 1e-2
     placements = placements_of(errors, amounts, robot.dof)
     corrections = ArmCorrections(placements)
-    definition = {**robot.definition, "corrections": corrections.as_plain_data()}
+    definition = {**robot.definition, "corrections": corrections.to_dict()}
     corrected = robot_from_definition(definition, "x").forward_kinematics
     kinematics = robot.forward_kinematics
     assert isinstance(kinematics, ArmKinematics)

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 import yaml
+from support.refused_definition import refused_definition
 
-from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
 
@@ -21,14 +21,14 @@ def changed(gantry: Robot, joint: int, **change: object) -> dict[str, Any]:
     return definition
 
 
-def refused(definition: Any, problem: str) -> None:
-    with pytest.raises(InvalidRobotDefinition, match=problem):
-        robot_from_definition(definition, "test")
+def refused(definition: Any, *named: str) -> None:
+    error = refused_definition(lambda: robot_from_definition(definition, "test"), *named)
+    assert error.source == "test"
 
 
 @pytest.mark.parametrize("kind", [[], {}, None, 1])
 def test_a_kind_that_is_not_text(gantry: Robot, kind: object) -> None:
-    refused({**gantry.definition, "kind": kind}, "known kinds: arm, gantry")
+    refused({**gantry.definition, "kind": kind}, repr(kind), "arm", "gantry")
 
 
 @pytest.mark.parametrize("key", ["ratio", "offset"])
@@ -46,19 +46,19 @@ def test_bounds_that_are_none(gantry: Robot, key: str, bounds: object) -> None:
 @pytest.mark.parametrize("key", ["name", "base_frame", "end_effector_frame"])
 @pytest.mark.parametrize("name", ["", "  ", 7, None, ["a"], True, "two\nlines", "\ud800"])
 def test_a_name_that_is_none(gantry: Robot, key: str, name: object) -> None:
-    refused({**gantry.definition, key: name}, f"{key} is .*not a name")
-    refused(changed(gantry, 0, name=name), "a joint's name is .*not a name")
+    refused({**gantry.definition, key: name}, key, repr(name))
+    refused(changed(gantry, 0, name=name), "joint", repr(name))
 
 
 def test_a_workspace_without_end(gantry: Robot) -> None:
-    refused(changed(gantry, 0, ratio=1e308, limits=[0.0, 10.0], box=[5.0, 6.0]), "too large")
+    refused(changed(gantry, 0, ratio=1e308, limits=[0.0, 10.0], box=[5.0, 6.0]), "ratio")
 
 
 @pytest.mark.parametrize("joint", [3, 5])
 @pytest.mark.parametrize("box", [[0.0, 1.5], [-0.8, 0.5]])
 def test_roll_or_yaw_beyond_half_a_turn(gantry: Robot, joint: int, box: list[float]) -> None:
     """A pose there is that of another roll or yaw, which the workspace may not hold."""
-    refused(changed(gantry, joint, limits=[-2.0, 2.0], box=box), "roll or yaw leaves")
+    refused(changed(gantry, joint, limits=[-2.0, 2.0], box=box), "roll", "yaw", "180")
 
 
 @pytest.mark.parametrize("joint", [3, 5])
@@ -68,25 +68,24 @@ def test_roll_or_yaw_up_to_half_a_turn(gantry: Robot, joint: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "problem"),
+    ("text", "named"),
     [
-        ("made: 2024-05-01", "made is a date"),
-        ("notes: {1: one}", "notes has a key that is not text"),
-        ("1: one", "key that is not text"),
-        ("notes: !!set {a, b}", "notes is a set"),
-        ("notes: !!binary aGk=", "notes is a bytes"),
-        ("notes: [.nan]", r"notes\[0\] is nan: not finite"),
-        ("notes: &a [*a]", "nested deeper"),
+        ("made: 2024-05-01", ["made", "date"]),
+        ("notes: {1: one}", ["notes", "key"]),
+        ("1: one", ["key"]),
+        ("notes: !!set {a, b}", ["notes", "set"]),
+        ("notes: !!binary aGk=", ["notes", "bytes"]),
+        ("notes: [.nan]", ["notes[0]", "nan"]),
+        ("notes: &a [*a]", ["notes[0][0]", "16 levels"]),
     ],
 )
 def test_yaml_that_is_not_plain_data(
-    gantry: Robot, tmp_path: Path, text: str, problem: str
+    gantry: Robot, tmp_path: Path, text: str, named: list[str]
 ) -> None:
     """YAML knows more than JSON; a model file could not carry it."""
     path = tmp_path / "robot.yaml"
     path.write_text(f"{yaml.safe_dump(dict(gantry.definition))}{text}\n")
-    with pytest.raises(InvalidRobotDefinition, match=problem):
-        load_robot(path)
+    assert refused_definition(lambda: load_robot(path), *named).source == str(path)
 
 
 @pytest.mark.parametrize(
@@ -95,8 +94,9 @@ def test_yaml_that_is_not_plain_data(
 def test_yaml_that_the_reader_stumbles_over(tmp_path: Path, text: str) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(text)
-    with pytest.raises(InvalidRobotDefinition, match="not readable as YAML"):
-        load_robot(path)
+    error = refused_definition(lambda: load_robot(path))
+    assert error.source == str(path)
+    assert error.__cause__ is not None
 
 
 def test_further_entries_are_kept(gantry: Robot) -> None:

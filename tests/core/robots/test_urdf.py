@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.refused_definition import refused_definition
 from support.urdf_texts import DECLARATION, J1, J2, TWO_JOINTS, joint, urdf
 
 from annik_core.robots.errors import InvalidRobotDefinition, UnknownRobot
@@ -17,9 +17,8 @@ from annik_core.robots.library import load_robot
 from annik_core.robots.urdf import CONTINUOUS_LIMIT, MAX_LENGTH, serial_chain
 
 
-def refused(text: str, problem: str, **frames: str) -> None:
-    with pytest.raises(InvalidRobotDefinition, match=problem):
-        serial_chain(text, "test", **frames)
+def refused(text: str, *named: str, **frames: str) -> None:
+    refused_definition(lambda: serial_chain(text, "test", **frames), *named)
 
 
 class TestText:
@@ -56,8 +55,7 @@ class TestText:
     def test_a_file_in_another_encoding_is_refused(self, tmp_path: Path) -> None:
         path = tmp_path / "arm.urdf"
         path.write_text(TWO_JOINTS, encoding="utf-16")
-        with pytest.raises(InvalidRobotDefinition, match=r"arm\.urdf can't be read: .*utf-8"):
-            load_robot(path)
+        refused_definition(lambda: load_robot(path), "arm.urdf", "utf-8")
 
     def test_a_definition_beside_a_urdf(self, tmp_path: Path) -> None:
         (tmp_path / "arm.urdf").write_text(TWO_JOINTS)
@@ -67,21 +65,20 @@ class TestText:
         assert robot.name == "mine"
         assert robot.joint_box.lower.tolist() == [0, -1]
         path.write_text("{kind: arm, urdf_file: other.urdf}")
-        with pytest.raises(InvalidRobotDefinition, match=r"there is no file .*other\.urdf"):
-            load_robot(path)
+        assert refused_definition(lambda: load_robot(path), "other.urdf").source == str(path)
         path.write_text("{kind: arm, urdf_file: .}")
-        with pytest.raises(InvalidRobotDefinition, match="can't be read"):
-            load_robot(path)
+        assert refused_definition(lambda: load_robot(path)).source == str(path)
         path.write_text("{kind: arm}")
-        with pytest.raises(InvalidRobotDefinition, match="'urdf' is missing"):
-            load_robot(path)
+        refused_definition(lambda: load_robot(path), "'urdf'", "missing")
 
     @pytest.mark.parametrize(
         "name", ["x" * 5000, "a\0b", "", "../gantry2", "no.urdf", "x.xacro", "y" * 300 + ".urdf"]
     )
     def test_a_name_that_is_no_file_lists_the_robots(self, name: str) -> None:
-        with pytest.raises(UnknownRobot, match="ur5e"):
+        with pytest.raises(UnknownRobot) as caught:
             load_robot(name)
+        assert caught.value.name == name
+        assert "ur5e" in caught.value.known
 
     def test_namespaces(self) -> None:
         """A default one, as Drake's, is part of every tag; a declared prefix is not."""
@@ -105,36 +102,36 @@ class TestText:
 
     def test_a_robot_without_a_name(self) -> None:
         assert serial_chain(urdf("abc", J1, J2, attributes=""), "test").name == "robot"
-        with pytest.raises(InvalidRobotDefinition, match=r"name is .two\\nlines.: not a name"):
-            load_robot(urdf("abc", J1, J2, attributes='name="two&#10;lines"'))
+        text = urdf("abc", J1, J2, attributes='name="two&#10;lines"')
+        refused_definition(lambda: load_robot(text), "name", repr("two\nlines"))
 
     @pytest.mark.parametrize(
-        ("text", "problem"),
+        ("text", "named"),
         [
-            ("", "not XML: no element found"),
-            ("<robot", "not XML: unclosed token"),
-            (TWO_JOINTS[:-3], "not XML: .*line 1, column"),
-            (TWO_JOINTS + "<robot/>", "not XML: junk after document element"),
-            ('<robot name="\0"/>', "not XML: "),
-            ('<robot name="\ud800"/>', "not XML: "),
-            (urdf("abc", J1, J2, "<xacro:arm/>"), "not XML: unbound prefix"),
-            ("<sdf><model/></sdf>", "not a URDF: its outermost element is <sdf>, not <robot>"),
-            ("<html/>", "its outermost element is <html>"),
-            ("<robot/>", "it has no links"),
-            ('<!DOCTYPE robot [<!ENTITY a "b">]>' + TWO_JOINTS, "declares entities"),
-            (" " * MAX_LENGTH + "x", f"more than the {MAX_LENGTH}"),
-            ("<robot>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>", "it has no links"),
+            ("", ["XML"]),
+            ("<robot", ["XML"]),
+            (TWO_JOINTS[:-3], ["XML", "line 1, column"]),
+            (TWO_JOINTS + "<robot/>", ["XML"]),
+            ('<robot name="\0"/>', ["XML"]),
+            ('<robot name="\ud800"/>', ["XML"]),
+            (urdf("abc", J1, J2, "<xacro:arm/>"), ["XML", "prefix"]),
+            ("<sdf><model/></sdf>", ["URDF", "<sdf>", "<robot>"]),
+            ("<html/>", ["URDF", "<html>"]),
+            ("<robot/>", ["links"]),
+            ('<!DOCTYPE robot [<!ENTITY a "b">]>' + TWO_JOINTS, ["entities"]),
+            (" " * MAX_LENGTH + "x", [f"{MAX_LENGTH + 1}", f"{MAX_LENGTH}"]),
+            ("<robot>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>", ["links"]),
         ],
         ids=range(13),
     )
-    def test_what_is_no_urdf(self, text: str, problem: str) -> None:
-        refused(text, problem)
+    def test_what_is_no_urdf(self, text: str, named: list[str]) -> None:
+        refused(text, *named)
 
     @pytest.mark.parametrize("address", ["http://www.ros.org/wiki/xacro", "http://ros.org/xacro"])
     def test_xacro_is_to_be_expanded(self, address: str) -> None:
         text = urdf("abc", J1, "<xacro:arm/>", J2, attributes=f'name="x" xmlns:xacro="{address}"')
-        refused(text, r"it is xacro, .*: xacro FILE > robot\.urdf")
-        refused(f'<xacro:macro xmlns:xacro="{address}"/>', "it is xacro")
+        refused(text, "xacro FILE > robot.urdf")
+        refused(f'<xacro:macro xmlns:xacro="{address}"/>', "xacro FILE > robot.urdf")
 
     @given(st.text(alphabet="<>/robtjinlkame=\"' !?-[]&;{}", max_size=60))
     def test_any_text_is_read_or_refused(self, text: str) -> None:
@@ -169,23 +166,23 @@ class TestNames:
         )
 
     @pytest.mark.parametrize(
-        ("text", "problem"),
+        ("text", "named"),
         [
-            (urdf("abc", J1, joint("j1", "b", "c")), "two joints named 'j1'"),
-            (urdf("abca", J1, J2), "two links named 'a'"),
-            (urdf("abc", J1, joint("", "b", "c")), "a joint has no name"),
-            (urdf("abc", J1, joint("j&#10;2", "b", "c")), r"name of a joint is 'j\\n2': not a n"),
-            (urdf(("a", "b", "c", " "), J1, J2), "a link has no name"),
-            (urdf("abc", J1, joint("j2", "b", "")), "<child> of joint 'j2' has no link"),
-            (urdf("abc", J1, joint("j2", "b", "z")), "joint 'j2' names link 'z', which the URDF"),
-            (urdf("abc", J1, joint("j2", "z", "c")), "joint 'j2' names link 'z', which the URDF"),
-            (urdf("abc", J1, '<joint name="j2" type="fixed"/>'), "joint 'j2' has no <parent>"),
-            (urdf("abc", J1, J2.replace(' type="revolute"', "")), "joint 'j2' has no type"),
+            (urdf("abc", J1, joint("j1", "b", "c")), ["two joints", "'j1'"]),
+            (urdf("abca", J1, J2), ["two links", "'a'"]),
+            (urdf("abc", J1, joint("", "b", "c")), ["joint", "no name"]),
+            (urdf("abc", J1, joint("j&#10;2", "b", "c")), ["joint", repr("j\n2")]),
+            (urdf(("a", "b", "c", " "), J1, J2), ["link", "no name"]),
+            (urdf("abc", J1, joint("j2", "b", "")), ["joint 'j2'", "<child>", "no link"]),
+            (urdf("abc", J1, joint("j2", "b", "z")), ["joint 'j2'", "link 'z'"]),
+            (urdf("abc", J1, joint("j2", "z", "c")), ["joint 'j2'", "link 'z'"]),
+            (urdf("abc", J1, '<joint name="j2" type="fixed"/>'), ["joint 'j2'", "<parent>"]),
+            (urdf("abc", J1, J2.replace(' type="revolute"', "")), ["joint 'j2'", "no type"]),
         ],
         ids=range(10),
     )
-    def test_names_that_are_none(self, text: str, problem: str) -> None:
-        refused(text, problem)
+    def test_names_that_are_none(self, text: str, named: list[str]) -> None:
+        refused(text, *named)
 
 
 class TestTree:
@@ -203,7 +200,7 @@ class TestTree:
         assert serial_chain(urdf("cab", J2, J1), "test") == serial_chain(TWO_JOINTS, "test")
 
     def test_several_tips_are_named(self) -> None:
-        refused(self.BRANCHED, "several tips: give end_effector_frame, .* such as c, d")
+        refused(self.BRANCHED, "end_effector_frame", "c, d")
 
     def test_a_branch_can_be_chosen(self) -> None:
         chain = serial_chain(self.BRANCHED, "test", end_effector_frame="d")
@@ -223,34 +220,32 @@ class TestTree:
 
     def test_frames_that_are_no_links(self) -> None:
         for frame in ("base_frame", "end_effector_frame"):
-            refused(
-                TWO_JOINTS, f"{frame} 'z' is not a link of the URDF; .*: a, b, c", **{frame: "z"}
-            )
+            refused(TWO_JOINTS, f"{frame} 'z'", "a, b, c", **{frame: "z"})
 
     def test_many_links_are_not_all_listed(self) -> None:
         links = [f"l{number}" for number in range(50)]
         joints = [joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(49)]
-        refused(urdf(links, *joints), r"links: l0, .*l11, \.\.\.$", base_frame="z")
+        refused(urdf(links, *joints), "'z'", ", ".join(links[:12]) + ", ...", base_frame="z")
 
     @pytest.mark.parametrize(
         ("base", "tip", "above"), [("c", "a", "no links"), ("b", "b", "a"), ("c", "b", "a")]
     )
     def test_an_end_effector_not_below_the_base(self, base: str, tip: str, above: str) -> None:
-        problem = f"'{tip}' does not hang on base_frame '{base}'; above it are {above}$"
-        refused(TWO_JOINTS, problem, base_frame=base, end_effector_frame=tip)
+        named = (f"end_effector_frame '{tip}'", f"base_frame '{base}'", above)
+        refused(TWO_JOINTS, *named, base_frame=base, end_effector_frame=tip)
 
     def test_a_base_with_nothing_below(self) -> None:
-        refused(TWO_JOINTS, "nothing hangs on base_frame 'c'", base_frame="c")
-        refused(urdf("a"), "nothing hangs on base_frame 'a'")
+        refused(TWO_JOINTS, "base_frame 'c'", base_frame="c")
+        refused(urdf("a"), "base_frame 'a'")
 
     def test_several_roots(self) -> None:
-        refused(urdf("abcz", J1, J2), "give base_frame, a link such as a, z")
+        refused(urdf("abcz", J1, J2), "base_frame", "a, z")
         chain = serial_chain(urdf("abcz", J1, J2), "test", base_frame="a")
         assert chain == serial_chain(TWO_JOINTS, "test")
 
     def test_two_parents(self) -> None:
         text = urdf("abc", J1, J2, joint("j3", "a", "c"))
-        refused(text, "link 'c' hangs on two joints, 'j2' and 'j3'")
+        refused(text, "link 'c'", "'j2'", "'j3'")
 
     @pytest.mark.parametrize(
         ("text", "frames"),
@@ -270,8 +265,7 @@ class TestTree:
         self, text: str, frames: dict[str, str], capfd: pytest.CaptureFixture[str]
     ) -> None:
         """Wherever it is, and whatever part is asked for."""
-        with pytest.raises(InvalidRobotDefinition, match="its joints form a ring through"):
-            load_robot(text, **frames)
+        refused_definition(lambda: load_robot(text, **frames), "ring")
         assert capfd.readouterr() == ("", "")
 
     def test_a_large_tree_takes_no_time(self) -> None:
@@ -279,11 +273,11 @@ class TestTree:
         count = 5_000
         links = [f"l{number}" for number in range(count + 1)]
         comb = [joint(f"j{i}", "l0", f"l{i + 1}", "fixed") for i in range(count)]
-        refused(urdf(links, *comb), "several tips")
+        refused(urdf(links, *comb), "end_effector_frame")
         line = [joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(count)]
-        refused(urdf(links, *line), "5000 joints, fixed ones included, more than 256")
+        refused(urdf(links, *line), "5000 joints", "256")
 
-    def test_numbers_off_the_chain_are_nobody_s_concern(self) -> None:
+    def test_numbers_off_the_chain_do_not_matter(self) -> None:
         finger = joint("j3", "b", "d", "prismatic", origin='rpy="0 0"', limit='lower="none"')
         chain = serial_chain(urdf("abcd", J1, J2, finger), "test", None, "c")
         assert chain.joint_names == ("j1", "j2")
@@ -297,26 +291,26 @@ class TestJoints:
         return urdf("abc", J1, joint("j2", "b", "c", **changes))
 
     @pytest.mark.parametrize(
-        ("limit", "problem"),
+        ("limit", "named"),
         [
-            ("", "joint 'j2' is revolute and has no lower limit: add <limit"),
-            ('upper="1"', "no lower limit: add <limit"),
-            ('lower="1"', "no upper limit: add <limit .*or make it continuous"),
-            ('lower="1" upper="0"', "lower limit 1.0 above its upper limit 0.0"),
-            ('lower="x" upper="0"', "joint 'j2': lower limit is 'x', not a number"),
-            ('lower="nan" upper="0"', "lower limit is 'nan'"),
-            ('lower="0" upper="inf"', "upper limit is 'inf'"),
-            ('lower="" upper="0"', "lower limit is ''"),
-            ('lower="${-pi}" upper="0"', re.escape("lower limit is '${-pi}'")),
+            ("", ["no lower limit", "<limit"]),
+            ('upper="1"', ["no lower limit", "<limit"]),
+            ('lower="1"', ["no upper limit", "<limit", "continuous"]),
+            ('lower="1" upper="0"', ["lower limit 1.0", "upper limit 0.0"]),
+            ('lower="x" upper="0"', ["lower limit", "'x'"]),
+            ('lower="nan" upper="0"', ["lower limit", "'nan'"]),
+            ('lower="0" upper="inf"', ["upper limit", "'inf'"]),
+            ('lower="" upper="0"', ["lower limit", "''"]),
+            ('lower="${-pi}" upper="0"', ["lower limit", "'${-pi}'"]),
         ],
     )
     @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-    def test_limits_that_are_none(self, kind: str, limit: str, problem: str) -> None:
-        refused(self.second(kind=kind, limit=limit), problem.replace("revolute", kind))
+    def test_limits_that_are_none(self, kind: str, limit: str, named: list[str]) -> None:
+        refused(self.second(kind=kind, limit=limit), "joint 'j2'", *named)
 
     def test_no_limit_element_at_all(self) -> None:
         text = self.second().replace('<limit lower="-1" upper="1"/>', "")
-        refused(text, "joint 'j1' is revolute and has no lower limit")
+        refused(text, "joint 'j1'", "revolute", "no lower limit")
 
     @pytest.mark.parametrize(
         "limit", ["", 'lower="-1" upper="1"', 'lower="-inf" upper="inf"', 'lower="3" upper="0"']
@@ -329,9 +323,7 @@ class TestJoints:
 
     @pytest.mark.parametrize("kind", ["floating", "planar", "spherical", "Revolute"])
     def test_kinds_that_no_arm_has(self, kind: str) -> None:
-        refused(
-            self.second(kind=kind), f"'j2' is {kind}; .* fixed, continuous, prismatic, revolute"
-        )
+        refused(self.second(kind=kind), "'j2'", kind, "fixed, continuous, prismatic, revolute")
 
     @pytest.mark.parametrize(
         "axis",
@@ -339,19 +331,16 @@ class TestJoints:
     )
     def test_an_axis_that_is_no_direction(self, axis: str) -> None:
         """Such as those whose length Pinocchio can't compute."""
-        refused(self.second(axis=f'xyz="{axis}"'), "joint 'j2' has the axis .*not a direction")
+        refused(self.second(axis=f'xyz="{axis}"'), "joint 'j2'", "axis")
 
     @pytest.mark.parametrize("axis", ["nan 0 1", "inf 0 0", "0 1", "0 0 1 0", "", "0,0,1", "z"])
     def test_an_axis_that_is_not_three_numbers(self, axis: str) -> None:
-        refused(
-            self.second(axis=f'xyz="{axis}"'), f"joint 'j2': xyz is '{axis}', not three numbers"
-        )
+        refused(self.second(axis=f'xyz="{axis}"'), "joint 'j2'", "xyz", f"'{axis}'")
 
     @pytest.mark.parametrize("key", ["xyz", "rpy"])
     @pytest.mark.parametrize("value", ["nan 0 0", "0 inf 0", "0 0", "a b c", "0;0;0"])
     def test_an_origin_that_is_not_three_numbers(self, key: str, value: str) -> None:
-        problem = f"joint 'j2': {key} is '{value}', not three numbers"
-        refused(self.second(origin=f'{key}="{value}"'), problem)
+        refused(self.second(origin=f'{key}="{value}"'), "joint 'j2'", key, f"'{value}'")
 
     @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
     @pytest.mark.parametrize("length", ["2", "1e-30", "1e30"])
@@ -378,7 +367,7 @@ class TestJoints:
 
     def test_a_mimic_joint_on_the_chain_is_refused(self) -> None:
         text = self.second(more='<mimic joint="j1" multiplier="2"/>')
-        refused(text, "joint 'j2' mimics joint 'j1': .*choose an end_effector_frame before it")
+        refused(text, "joint 'j2'", "joint 'j1'", "end_effector_frame")
         assert serial_chain(text, "test", end_effector_frame="b").joint_names == ("j1",)
 
     def test_a_mimic_joint_made_fixed_is_no_matter(self) -> None:
@@ -403,13 +392,12 @@ class TestJoints:
 
     def test_only_fixed_joints(self) -> None:
         fixed = [joint("j1", "a", "b", "fixed"), joint("j2", "b", "c", "fixed")]
-        refused(urdf("abc", *fixed), "nothing moves between base_frame 'a' and .* 'c'")
+        refused(urdf("abc", *fixed), "base_frame 'a'", "end_effector_frame 'c'")
 
     def test_more_joints_than_any_arm_has(self) -> None:
         joints = [joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(33)]
         links = [f"l{number}" for number in range(34)]
-        with pytest.raises(InvalidRobotDefinition, match="the chain has 33 joints, more than 32"):
-            load_robot(urdf(links, *joints))
+        refused_definition(lambda: load_robot(urdf(links, *joints)), "33 joints", "32")
         assert load_robot(urdf(links[:-1], *joints[:-1])).dof == 32
 
 

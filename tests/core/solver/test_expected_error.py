@@ -51,10 +51,10 @@ def test_beyond_the_limit_it_is_refused_and_at_the_limit_not(solver: IkSolver) -
     edge[0] = 0.99 * robot.joint_box.upper[0]
     near, far = robot.forward_kinematics.poses(np.array([middle, edge]))
     for limits, refused in (
-        (AcceptanceLimits(max_expected_error=2 * EXPECTED_ERROR), "error 0.133"),
+        (AcceptanceLimits(max_expected_error=2 * EXPECTED_ERROR), ["error", "0.133"]),
         (
             AcceptanceLimits(max_expected_orientation_error=2 * EXPECTED_ANGLE),
-            "orientation error 0.0152",
+            ["orientation error", "0.0152"],
         ),
     ):
         limited = replace(solver, limits=limits)
@@ -62,7 +62,7 @@ def test_beyond_the_limit_it_is_refused_and_at_the_limit_not(solver: IkSolver) -
         result = limited.solve(far)
         assert result.status is IkStatus.EXPECTED_ERROR_TOO_LARGE
         assert result.joint_positions is None
-        assert f"expected {refused}" in result.reason
+        assert all(word in result.reason for word in refused)
         assert math.isfinite(result.position_residual)
 
 

@@ -55,7 +55,7 @@ class TestModel:
         """Whose kinematics Pinocchio computes."""
         model = GrayBoxModel(robot, parts)
         parameters = drawn(model)
-        data = model.corrections(parameters).as_plain_data()
+        data = model.corrections(parameters).to_dict()
         corrected = robot_from_definition({**robot.definition, "corrections": data}, "x")
         joint_positions = robot.joint_box.sample(20, np.random.default_rng(1))
         poses = corrected.forward_kinematics.poses(joint_positions)
@@ -103,7 +103,7 @@ class TestModel:
     def test_of_a_learned_robot_or_the_gantry_there_is_none(self, gantry: Robot) -> None:
         nominal = robot_named("ur5e")
         model = GrayBoxModel(nominal, frozenset({Part.GEOMETRY}))
-        data = model.corrections(np.zeros(model.size)).as_plain_data()
+        data = model.corrections(np.zeros(model.size)).to_dict()
         learned = robot_from_definition({**nominal.definition, "corrections": data}, "x")
         for robot in (learned, gantry):
             with pytest.raises(UnsupportedRobot, match=robot.name):
