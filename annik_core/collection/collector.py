@@ -1,11 +1,7 @@
-"""Collection of measured examples: what to command next, and which measurements to keep.
+"""Collection of measured examples: the next command, and which measurements are kept.
 
-Which example is next, and what became of those that failed.
-
-Drive a robot through the examples of a plan and measure where each leads. Needs no ROS.
-
-The collector is told what was measured and when, and says what to command next; it knows no clock
-and sends no message.
+Without ROS, clock or messages: the collector receives measurements with their times, and returns
+commands.
 """
 
 from __future__ import annotations
@@ -18,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from annik_core.collection.errors import CollectionStopped
+from annik_core.collection.errors import CollectionStopped, StopCause
 from annik_core.collection.journal import CollectionJournal, MeasuredExample
 from annik_core.collection.measurement import (
     PoseAverage,
@@ -34,16 +30,16 @@ from annik_core.safety import measured_violation
 
 
 class ExampleQueue:
-    """Rows of a plan in their order; those that failed once more after all others.
+    """Rows of a plan in their order; failed rows again after all others.
 
     Attributes:
-        missing: rows that failed, with the last reason; they may be in the queue still.
-        skipped: rows that the robot is not allowed to go to, with the reason; likewise.
-        failures: how often an attempt has failed.
+        missing: rows that failed, with the last reason; they may still be in the queue.
+        skipped: rows that can't be reached inside the limits, with the reason; likewise.
+        failures: number of failed attempts.
     """
 
     def __init__(self, rows: Sequence[int], max_retries: int, max_failures_in_a_row: int) -> None:
-        """Queue up rows; see :class:`annik_core.collection.settings.CollectionSettings`."""
+        """Queue rows; see :class:`annik_core.collection.settings.CollectionSettings`."""
         self.missing: dict[int, str] = {}
         self.skipped: dict[int, str] = {}
         self.failures = 0
@@ -55,7 +51,7 @@ class ExampleQueue:
         self._max_in_a_row = max_failures_in_a_row
 
     def next_row(self) -> int | None:
-        """Take the next row out; None if there is none."""
+        """Remove and return the next row; None if there is none."""
         if not self._now and self._later and self._retries_left > 0:
             self._now.extend(self._later)
             self._later.clear()
@@ -64,17 +60,16 @@ class ExampleQueue:
         return self._now.popleft() if self._now else None
 
     def record_done(self, row: int) -> None:
-        """A row that was taken out is measured."""
+        """Record that a removed row is measured."""
         self.missing.pop(row, None)
         self.skipped.pop(row, None)
         self._in_a_row = 0
 
     def record_failed(self, row: int, reason: str) -> None:
-        """A row that was taken out could not be measured this time.
+        """Record that a removed row could not be measured this time.
 
         Raises:
-            CollectionStopped: if it is the last of too many in a row. What is in the queue for a
-                second time failed before, so then that says nothing new.
+            CollectionStopped: if too many failed in a row; not for rows that failed before.
         """
         self.failures += 1
         self.skipped.pop(row, None)
@@ -83,30 +78,30 @@ class ExampleQueue:
         self._in_a_row += 1
         if self._first_round and self._in_a_row >= self._max_in_a_row:
             raise CollectionStopped(
-                f"{self._in_a_row} examples failed in a row, the last because {reason}"
+                StopCause.FAILURES,
+                f"{self._in_a_row} examples failed in a row, the last because {reason}",
             )
 
     def record_skipped(self, row: int, reason: str, *, for_good: bool) -> None:
-        """A row that was taken out can't be gone to: from anywhere, or from here."""
+        """Record that a removed row can't be reached: at all, or from here."""
         self.missing.pop(row, None)
         self.skipped[row] = reason
         if not for_good:
             self._later.append(row)
 
 
-#: A command that comes late takes the motion no further than this many command periods: the
-#: next one would be a jump.
+#: A late command advances the motion by at most this many command periods, to avoid a jump.
 _LONGEST_STEP = 2.0
-#: A motion has its full speed while the robot lags behind by no more than this part of
-#: max_measured_step, and stands still from the other part on.
+#: A motion has its full speed up to a lag of the first fraction of max_measured_step, and stands
+#: still from the second one on.
 _FULL_PACE, _NO_PACE = 0.5, 0.9
 
 
 class MeasuredJoints(NamedTuple):
-    """Joint positions and when they arrived.
+    """Joint positions and their time of arrival.
 
     Attributes:
-        time: on the clock of whoever calls the collector [s].
+        time: on the clock of the caller [s].
         joint_positions: ``(dof,)`` [rad or m].
     """
 
@@ -115,19 +110,19 @@ class MeasuredJoints(NamedTuple):
 
 
 class Log(Protocol):
-    """Who is told of the progress, such as a node's logger."""
+    """Receives progress messages, such as the logger of a node."""
 
     def info(self, message: str, /) -> object:
-        """What goes as it should."""
+        """Log progress."""
         ...
 
     def warning(self, message: str, /) -> object:
-        """What does not."""
+        """Log a fault."""
         ...
 
 
 class Phase(Enum):
-    """What a collector is doing."""
+    """The present activity of a collector."""
 
     WAITING = "waiting for the robot"
     MOVING = "moving"
@@ -143,13 +138,13 @@ class _Visit:
     Attributes:
         row: of the plan.
         target: ``(dof,)`` [rad or m].
-        motion: the way there.
-        motion_time: how much of it was commanded [s].
-        held_back: how long it took more, since the robot lagged behind [s].
+        motion: to the target.
+        motion_time: time in the motion up to the last command [s].
+        held_back: delay of the motion by the lag of the robot [s].
         settling: whether the robot stands still there.
         deadline: of the phase [s].
         samples: measured poses ``(7,)``.
-        joint_positions: what was measured along with them.
+        joint_positions: measured together with them.
         repeats: how many measurements were refused.
     """
 
@@ -166,19 +161,19 @@ class _Visit:
 
 
 class Collector:
-    """Goes to one example after the other, waits until the robot stands still, and measures.
+    """Moves to each example, waits until the robot stands still, and measures.
 
-    Times are those of one clock that never goes back [s].
+    Times are those of one monotonic clock [s].
 
     Attributes:
-        phase: what it is doing.
-        journal: what was measured.
-        queue: what remains, and what failed.
-        repeated: how many measurements were refused and made again.
+        phase: present activity.
+        journal: the measured examples.
+        queue: the remaining and failed examples.
+        repeated: how many measurements were refused.
     """
 
     def __init__(self, journal: CollectionJournal, settings: CollectionSettings, log: Log) -> None:
-        """Prepare to go on where the journal ends; nothing is commanded before :meth:`begin`."""
+        """Prepare to continue where the journal ends; :meth:`begin` starts."""
         self.journal = journal
         self.phase = Phase.WAITING
         self.repeated = 0
@@ -196,27 +191,28 @@ class Collector:
 
     @property
     def command(self) -> FloatArray:
-        """The last command ``(dof,)`` [rad or m]; before the first one, where the robot was."""
+        """The last command ``(dof,)`` [rad or m]; before the first one, the measured positions."""
         return self._command
 
     def begin(self, now: float, measured: MeasuredJoints) -> None:
-        """Begin at the joint positions where the robot is.
+        """Begin at the measured joint positions.
 
-        The first time, the order of the examples is chosen and written down.
+        The first time, the order of the examples is chosen and written to the journal.
 
         Raises:
             CollectionStopped: if the robot is outside its limits or the workspace box.
-            NotWritable: if the order can't be written down.
+            NotWritable: if the journal can't be written.
         """
         limits = self._robot.joint_limits
-        # A robot at its limit may be measured a little beyond; a command may not.
+        # A robot at its limit may be measured slightly beyond it; a command may not be.
         start = np.clip(measured.joint_positions, limits.lower, limits.upper)
         if np.abs(start - measured.joint_positions).max() > self._settings.settle_tolerance:
             start = measured.joint_positions
         violation = place_violation(self._robot, self._settings.command_safety, start)
         if violation is not None:
             raise CollectionStopped(
-                f"the robot is where no command may take it ({violation}): move it from there"
+                StopCause.OUTSIDE_LIMITS,
+                f"the robot is where no command is allowed ({violation}): move it away from there",
             )
         self._command = start
         if self.journal.order is None:
@@ -232,19 +228,19 @@ class Collector:
         self._go_to_next(now)
 
     def tick(self, now: float, measured: MeasuredJoints | None) -> FloatArray:
-        """What to command now: joint positions ``(dof,)`` [rad or m].
+        """The next command: joint positions ``(dof,)`` [rad or m].
 
-        To be called at the command rate, from the beginning to the end. The last command is
-        repeated while the robot is to stand still.
+        To be called at the command rate. The last command is repeated while the robot is to
+        stand still.
 
         Args:
             now: the time.
             measured: the newest joint positions, if there are any.
 
         Raises:
-            CollectionStopped: if the robot is silent, jumps, or is not where it was commanded to
-                be; or if too many examples fail in a row.
-            NotWritable: if an example can't be written down.
+            CollectionStopped: if joint states are missing, jump, or are far from the command; or
+                if too many examples fail in a row.
+            NotWritable: if the journal can't be written.
         """
         self._count_silence(now)
         if measured is not None:
@@ -256,11 +252,11 @@ class Collector:
         return self._command
 
     def on_pose(self, now: float, pose: FloatArray) -> None:
-        """Take a measured pose ``(7,)``, checked and in the base frame; while moving, in vain.
+        """Add a measured pose ``(7,)``, checked and in the base frame; ignored while moving.
 
         Raises:
             CollectionStopped: if too many examples fail in a row.
-            NotWritable: if an example can't be written down.
+            NotWritable: if the journal can't be written.
         """
         visit = self._visit
         if visit is None or self.phase is not Phase.MEASURING:
@@ -270,7 +266,7 @@ class Collector:
             self._judge(visit, now)
 
     def time_left(self, now: float) -> float | None:
-        """How long it will take at the pace so far [s]; None before the first example."""
+        """Time left at the mean rate so far [s]; None before the first example."""
         done = len(self.journal.examples) - self._done_before
         if done == 0:
             return None
@@ -278,7 +274,7 @@ class Collector:
         return (now - self._begun) / done * remaining
 
     def _watch(self, measured: MeasuredJoints) -> None:
-        """Hold what is measured to what was measured before, and to the command."""
+        """Check measured joint positions against the previous ones and against the command."""
         before = self._measured
         if before is not None and measured.time == before.time:
             return
@@ -291,15 +287,17 @@ class Collector:
             if not (steps <= limit).all():
                 joint = int(steps.argmax())
                 raise CollectionStopped(
+                    StopCause.JUMP,
                     f"{names[joint]} was measured at {before.joint_positions[joint]:.6g} and then "
                     f"at {positions[joint]:.6g}: a jump by more than the max_measured_step of "
-                    f"{limit:.6g}"
+                    f"{limit:.6g}",
                 )
         violation = measured_violation(names, self._command, positions, limit)
         if violation is not None:
             raise CollectionStopped(
+                StopCause.WRONG_PLACE,
                 f"the robot is not where it was commanded to be: {violation}, the "
-                "max_measured_step"
+                "max_measured_step",
             )
         visit = self._visit
         if visit is None or self.phase not in (Phase.SETTLING, Phase.MEASURING):
@@ -309,8 +307,7 @@ class Collector:
             visit.joint_positions.append(positions)
 
     def _count_silence(self, now: float) -> None:
-        # While this process itself was held up, as by a slow disk, nobody was heard and nothing
-        # was commanded.
+        # Delays of this process, as by a slow disk, are not silence of the robot.
         settings = self._settings
         longest = max(_LONGEST_STEP / settings.command_rate, 0.25 * settings.measurement_timeout)
         self._silence += min(now - self._last_tick, longest)
@@ -319,8 +316,9 @@ class Collector:
         timeout = self._settings.measurement_timeout
         if self._visit is not None and self._silence > timeout:
             raise CollectionStopped(
+                StopCause.SILENCE,
                 f"no joint states for {self._silence:.3g} s, more than the measurement_timeout "
-                f"of {timeout:.3g} s"
+                f"of {timeout:.3g} s",
             )
 
     def _advance(self, visit: _Visit, now: float) -> None:
@@ -350,25 +348,27 @@ class Collector:
         visit.held_back += (1.0 - share) * elapsed
         if visit.held_back > self._settings.settle_timeout:
             raise CollectionStopped(
+                StopCause.LAG,
                 "the robot does not follow its commands: it lagged behind by half of the "
                 f"max_measured_step of {self._settings.max_measured_step:.6g} or more, and did "
-                f"not catch up within the settle_timeout of {self._settings.settle_timeout:.4g} s"
+                f"not catch up within the settle_timeout of {self._settings.settle_timeout:.4g} s",
             )
         command = visit.motion.joint_positions_at(visit.motion_time)
         violation = place_violation(self._robot, self._settings.command_safety, command)
         if violation is not None:
-            # The way was looked at before; this is what makes it certain.
-            raise CollectionStopped(f"a command would leave what is allowed: {violation}")
+            # The path was checked at points; this checks the command itself.
+            raise CollectionStopped(
+                StopCause.OUTSIDE_LIMITS, f"a command is not allowed: {violation}"
+            )
         self._command = command
         if visit.motion_time >= visit.motion.duration:
             self.phase = Phase.SETTLING
             visit.deadline = now + self._settings.settle_timeout
 
     def _pace(self) -> float:
-        """Which part of its speed a motion has: less if the robot, or what it says, is late.
+        """The fraction of its speed that a motion has, by the lag of the measured positions.
 
-        Less and less on the way to the limit of the distance, and nothing shortly before it: that
-        is exceeded by what the robot does, not by what it is commanded.
+        It is 0 shortly before max_measured_step, so that only a fault exceeds the limit.
         """
         if self._measured is None:
             return 0.0
@@ -384,7 +384,7 @@ class Collector:
         visit.joint_positions = []
 
     def _judge(self, visit: _Visit, now: float) -> None:
-        """Believe what was measured, or not."""
+        """Accept or refuse a measurement."""
         average = average_poses(visit.samples)
         plan = self.journal.plan.joint_positions[visit.row]
         nominal = self._robot.forward_kinematics.poses(plan[np.newaxis])[0]
@@ -405,7 +405,7 @@ class Collector:
         self._go_to_next(now)
 
     def _refuse(self, visit: _Visit, now: float, reason: str) -> None:
-        """Measure again, if that was not done often enough."""
+        """Repeat a measurement, unless it was repeated max_repeats times."""
         if visit.repeats >= self._settings.max_repeats:
             self._fail(visit, now, reason)
             return
@@ -444,7 +444,7 @@ class Collector:
         self.phase = Phase.DONE
 
     def _visit_of(self, row: int) -> _Visit | None:
-        """The visit to a row, or None if the robot is not allowed to go there."""
+        """The visit to a row, or None if it can't be reached."""
         settings = self._settings
         safety = settings.command_safety
         target = self.journal.plan.joint_positions[row]
@@ -475,7 +475,7 @@ class Collector:
 
 
 def duration_in_words(seconds: float) -> str:
-    """A duration [s] as a person would say it, such as ``2 min 5 s``."""
+    """A duration [s] in words, such as ``2 min 5 s``."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import Enum
 from pathlib import Path
 
 from annik_core.errors import AnnikError
 
 
-class CollectionError(AnnikError):
-    """Examples can't be collected as asked."""
+class JournalMismatch(AnnikError):
+    """A journal belongs to another plan or robot, or to another number of samples.
 
-
-class DatasetInTheWay(CollectionError):
-    """Where the measured examples are to go is a file that no journal tells of."""
-
-    def __init__(self, path: Path, journal: Path) -> None:
-        self.path = path
-        self.journal = journal
-        super().__init__(
-            f"{path} is there, but not {journal.name} that would belong to it: give another "
-            "dataset, or move this one away"
-        )
-
-
-class JournalMismatch(CollectionError):
-    """A journal was begun for another plan, or with a setting that must stay."""
+    Attributes:
+        path: of the journal.
+        what: what differs.
+        journal: its value in the journal.
+        given: its value now.
+    """
 
     def __init__(self, path: Path, what: str, journal: object, given: object) -> None:
         self.path = path
@@ -33,27 +25,44 @@ class JournalMismatch(CollectionError):
         self.journal = journal
         self.given = given
         super().__init__(
-            f"journal {path} was begun with {what} {journal}, not {given}: give what it was begun "
-            "with, to go on with it, or another dataset, to begin anew"
+            f"journal {path} was begun with {what} {journal}, not {given}: give the same to "
+            "continue it, or another dataset to begin a new one"
         )
 
 
-class CollectionStopped(CollectionError):
-    """The robot did something that it should not: nothing is commanded any more."""
+class StopCause(Enum):
+    """Why a collection stops."""
 
-    def __init__(self, reason: str) -> None:
+    OUTSIDE_LIMITS = "outside limits"
+    SILENCE = "no joint states"
+    JUMP = "jump of a measured joint"
+    LAG = "robot does not follow"
+    WRONG_PLACE = "robot is not at its command"
+    FAILURES = "too many failed examples"
+
+
+class CollectionStopped(AnnikError):
+    """The robot or the set-up is at fault, so that no more commands are published.
+
+    Attributes:
+        cause: kind of the fault.
+        reason: the fault in words, with the values.
+    """
+
+    def __init__(self, cause: StopCause, reason: str) -> None:
+        self.cause = cause
         self.reason = reason
         super().__init__(
-            f"stopped: {reason}; what was measured is kept, and the same command goes on from "
-            "there once the cause is found"
+            f"stopped: {reason}; what was measured is kept, and the same command continues from "
+            "there once the cause is removed"
         )
 
 
-class CollectionIncomplete(CollectionError):
+class CollectionIncomplete(AnnikError):
     """Some examples could not be measured.
 
     Attributes:
-        missing: row of the plan to the reason that it failed for last.
+        missing: row of the plan to the reason of its last failure.
     """
 
     def __init__(self, missing: Mapping[int, str]) -> None:
@@ -62,5 +71,5 @@ class CollectionIncomplete(CollectionError):
         more = "; ..." if len(missing) > 3 else ""
         super().__init__(
             f"{len(missing)} examples could not be measured ({first}{more}): the same command "
-            "tries them again, and keeps the others"
+            "visits them again, and keeps the others"
         )

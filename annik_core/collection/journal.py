@@ -1,8 +1,8 @@
-"""The journal of a collection: what was measured, safe as soon as it was, and the way to go.
+"""The journal of a collection: an append-only log of the measured examples.
 
-The first line says what the journal is of: the plan and the robot by their hashes, the number of
-samples, and the order of the examples. Every other line is one finished example. Its file and lock
-are those of :class:`annik_core.append_log.AppendLog`.
+The first record identifies the plan and the robot by their hashes, and has the number of samples
+and the order of the examples. Every other record is a measured example. For the file and its lock
+see :class:`annik_core.append_log.AppendLog`.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from annik_core.append_log import AppendLog
-from annik_core.collection.errors import DatasetInTheWay, JournalMismatch
+from annik_core.collection.errors import JournalMismatch
 from annik_core.collection.measurement import noise_of_averages
 from annik_core.collection.settings import CollectionSettings
 from annik_core.dataset import MEASURED, Dataset
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, NotWritable
 from annik_core.installation import VERSION
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.definition import is_numeric
@@ -31,14 +31,13 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class MeasuredExample:
-    """What was measured of one row of the plan.
+    """The measurement of one row of the plan.
 
     Attributes:
-        row: which one.
-        pose: ``(7,)`` the average: x, y, z [m], unit quaternion x, y, z, w, in the base frame.
-        square_sums: of the samples' distances from it [m^2] and of their angles [rad^2].
-        joint_positions: ``(dof,)`` as they were measured there [rad or m]; the plan has those
-            that were commanded.
+        row: index of the row.
+        pose: ``(7,)`` mean pose: x, y, z [m], unit quaternion x, y, z, w, in the base frame.
+        square_sums: sums of squares of the samples' distances [m^2] and angles [rad^2] from it.
+        joint_positions: ``(dof,)`` measured there [rad or m]; the plan has the commanded ones.
     """
 
     row: int
@@ -48,42 +47,44 @@ class MeasuredExample:
 
 
 def journal_path(dataset: Path) -> Path:
-    """Where the journal of a dataset is: beside it."""
+    """The path of the journal of a dataset: beside it."""
     return dataset.with_name(f"{dataset.stem}.journal.jsonl")
 
 
 def open_journal(dataset: Path, plan: Dataset, samples: int) -> CollectionJournal:
-    """The journal of a dataset that is to be measured, or is measured in part.
+    """Open the journal of a dataset that is measured in part, or not yet.
 
     Args:
-        dataset: where the dataset goes; the journal is beside it.
+        dataset: path of the dataset; the journal is beside it.
         plan: the joint positions to measure at.
         samples: how many measured poses are averaged for an example.
 
     Raises:
-        DatasetInTheWay: if the dataset is there without a journal: it is somebody else's.
+        NotWritable: if the dataset exists without a journal, so that it is another one.
         AnnikError: as :class:`CollectionJournal`.
     """
     path = journal_path(dataset)
     if dataset.exists() and not path.exists():
-        raise DatasetInTheWay(dataset, path)
+        raise NotWritable(
+            dataset,
+            f"it exists without its journal {path.name}",
+            "give another dataset, or move this one",
+        )
     return CollectionJournal(path, plan, samples)
 
 
 class CollectionJournal:
-    """The journal of a plan, open for this process alone.
-
-    Use it as a context manager, or close it.
+    """The journal of a plan, locked for this process alone. Use as a context manager, or close.
 
     Attributes:
         path: the file.
-        plan: what is to be measured.
+        plan: the joint positions to measure at.
         order: the rows of the plan in the order to visit them; None before :meth:`begin`.
-        examples: what was measured, by row.
+        examples: the measured examples by row.
     """
 
     def __init__(self, path: Path, plan: Dataset, samples: int) -> None:
-        """Open the journal, which is made if it is not there.
+        """Open the journal; create it if it is missing.
 
         Args:
             path: the file.
@@ -92,8 +93,8 @@ class CollectionJournal:
 
         Raises:
             InUse: if another process has it open.
-            DamagedRecord: if a line is not as it was written.
-            JournalMismatch: if it is of another plan, robot, or number of samples.
+            DamagedRecord: if a line was altered.
+            JournalMismatch: if it belongs to another plan, robot, or number of samples.
             NotWritable: if the file can't be opened.
         """
         self.path = path
@@ -117,11 +118,11 @@ class CollectionJournal:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the file, which unlocks it."""
+        """Close and unlock the file."""
         self.close()
 
     def close(self) -> None:
-        """Close the file, which unlocks it."""
+        """Close and unlock the file."""
         self._log.close()
 
     @property
@@ -135,7 +136,7 @@ class CollectionJournal:
         return len(self.examples) == len(self.plan)
 
     def begin(self, order: Sequence[int], settings: CollectionSettings) -> None:
-        """Write down the order and what else this collection is of.
+        """Write the header: the order and what identifies the collection.
 
         Raises:
             NotWritable: if it can't be written.
@@ -144,7 +145,7 @@ class CollectionJournal:
             {
                 **self._identity,
                 "order": list(order),
-                # For a person who reads it: they may differ when it is gone on with.
+                # For readers only: settings may change when a collection is continued.
                 "settings": _plain_settings(settings),
                 "annik_version": VERSION,
             }
@@ -167,21 +168,21 @@ class CollectionJournal:
         )
         self.examples[example.row] = example
 
-    def read_again(self) -> None:
-        """Take the examples from the file, as if it were opened now.
+    def reload(self) -> None:
+        """Read the examples from the file again.
 
-        For after an interruption, which may come between an example's line and its entry here.
+        After an interruption, which may come between the record of an example and its entry here.
 
         Raises:
-            DamagedRecord: if somebody else has altered the file.
+            DamagedRecord: if a line was altered.
         """
         self._log.reload()
         self._read()
 
     def dataset(self) -> Dataset:
-        """What was measured, in the order of the plan, with the joint positions of the plan.
+        """The measured examples in the order of the plan, with its joint positions.
 
-        The same examples give the same dataset, in whatever order they were measured.
+        It does not depend on the order in which they were measured.
         """
         plan = self.plan
         measured = [self.examples[row] for row in sorted(self.examples)]
@@ -197,7 +198,7 @@ class CollectionJournal:
 
     @property
     def _identity(self) -> dict[str, Any]:
-        """What must not differ from one run to the next."""
+        """What must be the same in every run."""
         return {
             "format_version": FORMAT_VERSION,
             "plan_sha256": self.plan.content_hash,

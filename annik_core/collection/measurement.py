@@ -1,9 +1,4 @@
-"""Measurement of one pose: settling, averaging and outliers.
-
-Whether a robot stands still where it was told to be.
-
-One measured pose from several samples of it, and whether to believe it.
-"""
+"""Measurement of one pose: settling, averaging and outliers."""
 
 from __future__ import annotations
 
@@ -18,18 +13,18 @@ from annik_core.pose import FloatArray, pose_distance
 
 
 class Settling:
-    """Watches joint positions, until they have been at a target and still for a while."""
+    """Detects when joint positions have been at a target, and still, for some time."""
 
     def __init__(
         self, target: FloatArray, tolerance: float, stillness: float, time: float
     ) -> None:
-        """Begin to watch.
+        """Start.
 
         Args:
             target: ``(dof,)`` [rad or m].
-            tolerance: how far from the target each joint may be [rad or m].
-            stillness: how far it may move while it is said to stand still [rad or m].
-            time: how long it has to [s].
+            tolerance: largest distance of a joint from the target [rad or m].
+            stillness: largest motion of a joint that counts as standing still [rad or m].
+            time: how long it must stand still [s].
         """
         self._target = target
         self._tolerance = tolerance
@@ -40,7 +35,7 @@ class Settling:
         self.is_settled = False
 
     def update(self, time: float, joint_positions: FloatArray) -> bool:
-        """Take joint positions ``(dof,)`` measured at ``time`` [s]; whether it has settled."""
+        """Add joint positions ``(dof,)`` measured at ``time`` [s]; whether it has settled."""
         if not self.is_near_target(joint_positions):
             self._since = None
         elif self._since is None or _distance(joint_positions, self._reference) > self._stillness:
@@ -53,10 +48,10 @@ class Settling:
         return _distance(joint_positions, self._target) <= self._tolerance
 
     def describe(self, joint_names: tuple[str, ...], joint_positions: FloatArray) -> str:
-        """Which joint is furthest from the target, for a robot that does not settle."""
+        """The joint that is furthest from the target, in words."""
         joint = int(np.abs(joint_positions - self._target).argmax())
         distance = abs(float(joint_positions[joint] - self._target[joint]))
-        what = "is" if distance > self._tolerance else "moves still; it is"
+        what = "is" if distance > self._tolerance else "still moves; it is"
         return (
             f"{joint_names[joint]} {what} {distance:.4g} from its command; the settle_tolerance "
             f"is {self._tolerance:.4g}"
@@ -67,13 +62,12 @@ def _distance(one: FloatArray, other: FloatArray) -> float:
     return float(np.abs(one - other).max(initial=0.0))
 
 
-#: A sample this many times further from the middle of the samples than the median one is wild.
-#: Of ten samples with Gaussian noise, one in some thousand measurements is.
-_WILD = 6.0
-#: With fewer samples nobody can tell which of them is the wild one.
-_LEAST_FOR_WILD = 4
-#: No sample nearer than this to the middle is wild [m and rad]: the last digit of a tracker that
-#: rounds what it says.
+#: A sample is an outlier beyond this many median distances from the median of the samples: with
+#: Gaussian noise and ten samples, about once in a thousand measurements.
+_OUTLIER = 6.0
+#: With fewer samples an outlier can't be told from the others.
+_LEAST_FOR_OUTLIER = 4
+#: A sample nearer than this to the median is no outlier [m and rad]: trackers round.
 _RESOLUTION = 2e-5
 
 
@@ -83,24 +77,24 @@ class PoseAverage:
 
     Attributes:
         pose: ``(7,)`` mean position [m] and mean orientation, a unit quaternion x, y, z, w.
-        samples: how many.
-        square_sums: of the samples' distances from it [m^2] and of their angles [rad^2].
+        samples: number of samples.
+        square_sums: sums of squares of the samples' distances [m^2] and angles [rad^2] from it.
         spread: largest distance [m] and angle [rad] of a sample from it.
-        wild_sample: which sample is far from the others, as they lie among themselves; or None.
+        outlier: index of a sample that is far from the others, or None.
     """
 
     pose: FloatArray
     samples: int
     square_sums: tuple[float, float]
     spread: tuple[float, float]
-    wild_sample: int | None
+    outlier: int | None
 
 
 def average_poses(samples: Sequence[FloatArray] | FloatArray) -> PoseAverage:
     """The average of samples ``(k, 7)``, at least one.
 
-    The mean orientation is the one from which the squared chordal distances are least; of a
-    quaternion and its negative it takes either for the same [Markley2007]_.
+    The mean orientation minimises the sum of squared chordal distances; a quaternion and its
+    negative count as the same [Markley2007]_.
 
     References:
         [Markley2007] F. L. Markley et al.: Averaging quaternions. Journal of Guidance, Control,
@@ -118,18 +112,18 @@ def average_poses(samples: Sequence[FloatArray] | FloatArray) -> PoseAverage:
         samples=len(poses),
         square_sums=(float((distances**2).sum()), float((angles**2).sum())),
         spread=(float(distances.max()), float(angles.max())),
-        wild_sample=_wild_sample(poses[:, :3], rotation_vectors),
+        outlier=_outlier(poses[:, :3], rotation_vectors),
     )
 
 
-def _wild_sample(*coordinates: FloatArray) -> int | None:
-    """The first sample that is far out by its position or its orientation, each ``(k, 3)``."""
+def _outlier(*coordinates: FloatArray) -> int | None:
+    """The first outlier by position or orientation, each ``(k, 3)``."""
     for values in coordinates:
-        if len(values) < _LEAST_FOR_WILD:
+        if len(values) < _LEAST_FOR_OUTLIER:
             return None
-        # Medians, which one wild sample does not move.
+        # Medians, which one outlier does not change.
         distances = np.linalg.norm(values - np.median(values, axis=0), axis=1)
-        far = np.flatnonzero(distances > max(_WILD * float(np.median(distances)), _RESOLUTION))
+        far = np.flatnonzero(distances > max(_OUTLIER * float(np.median(distances)), _RESOLUTION))
         if len(far):
             return int(far[0])
     return None
@@ -138,16 +132,16 @@ def _wild_sample(*coordinates: FloatArray) -> int | None:
 def measurement_fault(
     average: PoseAverage, nominal: FloatArray, settings: CollectionSettings
 ) -> str | None:
-    """Why to measure again, or None.
+    """Why a measurement must be repeated, or None.
 
     Args:
-        average: what was measured.
-        nominal: ``(7,)`` where the forward kinematics of the robot's model leads.
-        settings: has the limits.
+        average: the measurement.
+        nominal: pose ``(7,)`` by the nominal forward kinematics.
+        settings: the limits.
     """
-    if average.wild_sample is not None:
+    if average.outlier is not None:
         return (
-            f"sample {average.wild_sample + 1} of {average.samples} is far from the others: the "
+            f"sample {average.outlier + 1} of {average.samples} is far from the others: the "
             f"samples differ by up to {_in_words(*average.spread)} from their mean"
         )
     distance, angle = (float(value) for value in pose_distance(nominal, average.pose))
@@ -158,7 +152,7 @@ def measurement_fault(
             (settings.max_position_spread, settings.max_orientation_spread),
         ),
         (
-            "the mean is off the forward kinematics by",
+            "the mean differs from the nominal forward kinematics by",
             (distance, angle),
             (settings.max_position_deviation, settings.max_orientation_deviation),
         ),
@@ -175,7 +169,7 @@ def _in_words(distance: float, angle: float) -> str:
 def noise_of_averages(
     averages: Sequence[tuple[int, tuple[float, float]]],
 ) -> tuple[float, float] | None:
-    """How uncertain averaged poses are by their samples: standard deviations of one of them.
+    """Standard deviations of averaged poses, from the scatter of their samples.
 
     Pooled over all averages, so that a few samples of each are enough.
 
@@ -183,8 +177,8 @@ def noise_of_averages(
         averages: number of samples and ``square_sums`` of each; all with the same number.
 
     Returns:
-        Of each coordinate of the position [m], and of each of the orientation as a rotation
-        vector [rad]; None if the samples don't say, since there is one of each pose.
+        Of each coordinate of the position [m], and of the orientation as a rotation vector
+        [rad]; None if unknown, with one sample of each pose.
     """
     freedom = sum(samples - 1 for samples, _ in averages)
     if freedom <= 0:

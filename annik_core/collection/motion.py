@@ -1,9 +1,4 @@
-"""Motion from one configuration to the next: trapezoidal profile, approach from one side.
-
-A motion through joint positions, straight from one to the next, at limited speed.
-
-How to get from one place to another without leaving the joint limits and the workspace box.
-"""
+"""Motion in joint space: trapezoidal profiles, and paths inside limits and workspace box."""
 
 from __future__ import annotations
 
@@ -21,19 +16,19 @@ from annik_core.safety import CommandSafety, check_workspace_box
 class JointMotion:
     """Straight lines in joint space, with a stop at the end of each.
 
-    On each line all joints start and stop together. The joint that moves furthest accelerates,
-    goes at the limit of velocity if the line is long enough, and slows down (a trapezoid); the
-    others move in proportion, so that none exceeds a limit that it holds to.
+    On each line all joints start and stop together. The joint that moves furthest has a
+    trapezoidal velocity profile, or a triangular one on a short line; the others move in
+    proportion, so that no joint exceeds the limits.
 
     Attributes:
-        waypoints: ``(m, dof)`` [rad or m], the first one where it starts.
+        waypoints: ``(m, dof)`` [rad or m], with the start.
         duration: time from start to stop [s].
     """
 
     def __init__(
         self, waypoints: FloatArray, max_velocity: float, max_acceleration: float
     ) -> None:
-        """Plan it.
+        """Plan the motion.
 
         Args:
             waypoints: ``(m, dof)``, at least one [rad or m].
@@ -44,20 +39,21 @@ class JointMotion:
         self._lines = [
             _Line(start, end, max_velocity, max_acceleration)
             for start, end in pairwise(waypoints)
-            # From a waypoint to the same there is no way.
+            # Equal waypoints need no line.
             if (start != end).any()
         ]
         self.duration = math.fsum(line.duration for line in self._lines)
 
     def joint_positions_at(self, time: float) -> FloatArray:
-        """Where the joints should be ``time`` [s] after the start: ``(dof,)`` [rad or m].
+        """The joint positions ``(dof,)`` [rad or m] at ``time`` [s] after the start.
 
-        Before the start that is the first waypoint, after the end the last one, exactly.
+        Before the start the first waypoint, after the end the last one, exactly.
         """
         # The parts of a sum that was rounded may leave a remainder at the end.
         remaining = time if time < self.duration else math.inf
         for line in self._lines:
-            if remaining < line.duration:
+            # The sum of the durations is rounded: at its end a last tiny line is over too.
+            if remaining < line.duration and time < self.duration:
                 return line.joint_positions_at(max(remaining, 0.0))
             remaining -= line.duration
         last: FloatArray = self.waypoints[-1]
@@ -65,7 +61,7 @@ class JointMotion:
 
 
 class _Line:
-    """One straight line."""
+    """One straight line in joint space."""
 
     def __init__(
         self, start: FloatArray, end: FloatArray, max_velocity: float, max_acceleration: float
@@ -74,7 +70,7 @@ class _Line:
         self._end = end
         self._acceleration = max_acceleration
         self._length = float(np.abs(end - start).max(initial=0.0))
-        # A short line is over before the limit of velocity is reached.
+        # A short line ends before the velocity limit is reached.
         self._ramp = min(
             max_velocity / max_acceleration, math.sqrt(self._length / max_acceleration)
         )
@@ -84,7 +80,7 @@ class _Line:
     def joint_positions_at(self, time: float) -> FloatArray:
         share = self._travelled(time) / self._length
         between = self._start + share * (self._end - self._start)
-        # Rounding must not take a joint beyond an end that lies on its limit.
+        # Rounding must not take a joint beyond an end at its limit.
         positions: FloatArray = np.clip(
             between, np.minimum(self._start, self._end), np.maximum(self._start, self._end)
         )
@@ -99,12 +95,12 @@ class _Line:
 
 
 class Approach(NamedTuple):
-    """A way to joint positions, or why there is none.
+    """A path to joint positions, or why there is none.
 
     Attributes:
-        waypoints: ``(m, dof)`` from the start to the target, straight from one to the next [rad
-            or m]; None if there is no allowed way.
-        violation: what the direct way runs into, or None.
+        waypoints: ``(m, dof)`` from start to target, with straight lines between them [rad or m];
+            None if there is no allowed path.
+        violation: why the direct line is not allowed, or None.
     """
 
     waypoints: FloatArray | None
@@ -114,7 +110,7 @@ class Approach(NamedTuple):
 def place_violation(
     robot: Robot, safety: CommandSafety, joint_positions: FloatArray
 ) -> str | None:
-    """Why the robot must not be at joint positions ``(dof,)`` [rad or m], or None."""
+    """Why joint positions ``(dof,)`` [rad or m] are not allowed, or None."""
     violation = robot.joint_limits.violation(joint_positions)
     if violation is not None or not safety.has_workspace_box:
         return violation
@@ -126,29 +122,29 @@ def place_violation(
 def approach(
     robot: Robot, safety: CommandSafety, start: FloatArray, target: FloatArray, spacing: float
 ) -> Approach:
-    """The straight way to the target; if that is not allowed, by way of the joint box's centre.
+    """The straight line to the target; if that is not allowed, through the joint box's centre.
 
     Args:
-        robot: knows the joint limits, and where the end effector is.
+        robot: has the joint limits and the forward kinematics.
         safety: has the workspace box.
         start: ``(dof,)`` [rad or m].
         target: ``(dof,)`` [rad or m].
-        spacing: the way is looked at in steps in which no joint moves further [rad or m].
+        spacing: largest motion of a joint between two checked points [rad or m].
     """
-    violation = _way_violation(robot, safety, start, target, spacing)
+    violation = _path_violation(robot, safety, start, target, spacing)
     if violation is None:
         return Approach(np.array([start, target]), None)
     centre = robot.joint_box.centre
     for end in (start, target):
-        if _way_violation(robot, safety, end, centre, spacing) is not None:
+        if _path_violation(robot, safety, end, centre, spacing) is not None:
             return Approach(None, violation)
     return Approach(np.array([start, centre, target]), None)
 
 
-def _way_violation(
+def _path_violation(
     robot: Robot, safety: CommandSafety, start: FloatArray, end: FloatArray, spacing: float
 ) -> str | None:
-    # The limits are intervals: what lies between two points that are inside is inside.
+    # Joint limits are intervals: between two points inside, everything is inside.
     for place in (end, start):
         violation = place_violation(robot, safety, place)
         if violation is not None:
@@ -158,8 +154,8 @@ def _way_violation(
     steps = max(2, math.ceil(float(np.abs(end - start).max()) / spacing))
     share = np.linspace(0.0, 1.0, steps + 1)[:, np.newaxis]
     positions = robot.forward_kinematics.poses(start + share * (end - start))[:, :3]
-    # Between two points that are looked at the way bends by an eighth of the second difference;
-    # a quarter is kept clear.
+    # Between two checked points the path deviates from a line by an eighth of the second
+    # difference; twice as much is kept clear.
     margin = 0.25 * np.abs(np.diff(positions, 2, axis=0)).max(axis=0)
     inner = positions[1:-1]
     lower, upper = np.array(safety.workspace_box_lower), np.array(safety.workspace_box_upper)
@@ -168,6 +164,6 @@ def _way_violation(
         return None
     row, axis = np.argwhere(outside)[0]
     return (
-        f"on the way {POSE_FIELDS[axis]} would be {inner[row, axis]:.6g} m; the workspace box "
+        f"on the path {POSE_FIELDS[axis]} would be {inner[row, axis]:.6g} m; the workspace box "
         f"allows {lower[axis]:.6g} to {upper[axis]:.6g} m"
     )

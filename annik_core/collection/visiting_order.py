@@ -1,4 +1,4 @@
-"""In which order to visit joint positions, so that a robot travels little."""
+"""A short order in which a robot visits joint positions."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ import numpy as np
 
 from annik_core.pose import FloatArray
 
-#: A detour taken out that saves less than this [rad or m] is rounding.
+#: A smaller gain than this is rounding [rad or m].
 _ROUNDING = 1e-12
 
 
 def visiting_order(start: FloatArray, joint_positions: FloatArray) -> tuple[int, ...]:
-    """A short way from ``start`` through all of the joint positions: each row once.
+    """A short path from ``start`` through all joint positions.
 
-    The nearest neighbour each time, then detours are taken out by reversing parts of the way
-    (2-opt) until no reversal helps. Never longer than the order in which they are given. It
-    depends on its arguments alone.
+    Nearest neighbours, improved by 2-opt; never longer than the given order. The distance of two
+    joint positions is that of the joint that moves furthest. Deterministic.
 
     Args:
-        start: ``(dof,)`` where the robot is [rad or m].
+        start: ``(dof,)`` present joint positions [rad or m].
         joint_positions: ``(n, dof)`` [rad or m].
 
     Returns:
@@ -36,18 +35,8 @@ def visiting_order(start: FloatArray, joint_positions: FloatArray) -> tuple[int,
     return tuple((best[1:] - 1).tolist())
 
 
-def travel_length(start: FloatArray, joint_positions: FloatArray, order: tuple[int, ...]) -> float:
-    """How far it is from ``start`` through the rows in this order [rad or m].
-
-    From one to the next it is as far as the joint that moves furthest: all joints move at the
-    same time, at one limit of velocity.
-    """
-    way = np.vstack([start, joint_positions[list(order)]])
-    return float(np.abs(np.diff(way, axis=0)).max(axis=1, initial=0.0).sum())
-
-
 def _nearest_neighbours(travel: FloatArray) -> np.ndarray:
-    """From point 0 to the nearest point that was not visited yet, and so on."""
+    """From point 0 to the nearest point that is not visited yet, and so on."""
     way = [0]
     left = np.ones(len(travel), dtype=bool)
     left[0] = False
@@ -59,14 +48,14 @@ def _nearest_neighbours(travel: FloatArray) -> np.ndarray:
 
 
 def _without_detours(way: np.ndarray, travel: FloatArray) -> np.ndarray:
-    """The way, whose first point stays, with parts of it reversed where that is shorter."""
+    """2-opt: the path with parts of it reversed where that is shorter; its start stays."""
     way = way.copy()
     improved = True
     while improved:
         improved = False
         for first in range(1, len(way)):
             before, lasts = way[first - 1], way[first:]
-            # Reversed from 'first' to 'last': its ends change places. The end of the way is free.
+            # The gain of reversing from 'first' to each of 'lasts'. The end of the path is free.
             gain = travel[before, way[first]] - travel[before, lasts]
             gain[:-1] += (
                 travel[lasts[:-1], way[first + 1 :]] - travel[way[first], way[first + 1 :]]

@@ -1,4 +1,4 @@
-"""A robot that goes where it is told to, or nearly: the fake robot without its ROS."""
+"""A simulated robot that follows commands at once. Needs no ROS."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from annik_core.simulation.imperfections import Imperfections, imperfect_kinemat
 
 
 class CommandOutsideLimits(AnnikError):
-    """A command would take a joint beyond its limits."""
+    """A command is beyond the limits of a joint."""
 
     def __init__(self, violation: str) -> None:
         self.violation = violation
         super().__init__(violation)
 
 
-#: What each refusal of a command is counted as.
+#: The counted reason of each refusal of a command.
 _REFUSAL_REASONS: dict[type[AnnikError], str] = {
     MalformedJointState: "malformed",
     MissingJoint: "missing joint",
@@ -28,25 +28,24 @@ _REFUSAL_REASONS: dict[type[AnnikError], str] = {
 
 
 def refusal_reason(error: AnnikError) -> str:
-    """The short name that a refusal is counted under."""
+    """The counted reason of a refusal."""
     return _REFUSAL_REASONS.get(type(error), "other")
 
 
 class FakeRobot:
-    """Follows every valid command at once; exactly, or as an imperfect arm does.
+    """Follows every valid command at once; exactly, or as an imperfect arm.
 
     Attributes:
-        robot: the robot that it stands in for, as described: without its imperfections.
-        joint_positions: ``(dof,)`` where its drives are [rad or m]; the middle of the working
-            joint box until the first command.
+        robot: the robot as described, without imperfections.
+        joint_positions: ``(dof,)`` of its drives [rad or m]; before the first command, the centre
+            of the joint box.
     """
 
     def __init__(self, robot: Robot, imperfections: Imperfections | None = None) -> None:
-        """Stand in for ``robot``, or for a real one that differs from it.
+        """Simulate ``robot``, with imperfections if given.
 
         Raises:
-            InvalidImperfections: if they can't be those of this robot.
-            UnsupportedRobotForImperfections: if it is not an arm.
+            InvalidImperfections: if they do not fit the robot.
         """
         self.robot = robot
         self.joint_positions: FloatArray = robot.joint_box.centre
@@ -56,30 +55,30 @@ class FakeRobot:
         if imperfections is not None:
             self._kinematics = imperfect_kinematics(robot, imperfections)
             self._half_backlash = 0.5 * imperfections.backlash
-        # Where the drives' motion arrives, behind the backlash.
+        # The positions of the joints, behind the backlash.
         self._driven_positions: FloatArray = self.joint_positions
 
     @property
     def pose(self) -> FloatArray:
-        """The pose ``(7,)`` in which the end effector really is, in the base frame."""
+        """The true pose ``(7,)`` of the end effector in the base frame."""
         pose: FloatArray = self._kinematics.poses(self._driven_positions[np.newaxis])[0]
         return pose
 
     def move_to(self, joint_positions: FloatArray) -> FloatArray:
-        """Take up joint positions ``(dof,)`` [rad or m].
+        """Move the drives to joint positions ``(dof,)`` [rad or m].
 
         Returns:
-            The pose ``(7,)`` in which the end effector really is then, in the base frame.
+            The true pose ``(7,)`` of the end effector then, in the base frame.
 
         Raises:
             CommandOutsideLimits: if a joint would leave its limits, or a position is NaN; the
-                robot stays where it is.
+                robot does not move.
         """
         violation = self.robot.joint_limits.violation(joint_positions)
         if violation is not None:
             raise CommandOutsideLimits(violation)
         self.joint_positions = joint_positions
-        # A joint moves once its drive has crossed the play, and then half of it behind.
+        # A joint moves once its drive has crossed the play, and lags behind by half of it.
         self._driven_positions = np.clip(
             self._driven_positions,
             joint_positions - self._half_backlash,
@@ -91,7 +90,7 @@ class FakeRobot:
         """Measure the end effector, as a tracker does.
 
         Args:
-            rng: what draws the noise.
+            rng: random generator of the noise.
 
         Returns:
             The measured pose ``(7,)`` in the base frame, or None if the measurement is lost.
@@ -108,7 +107,7 @@ class FakeRobot:
 
 
 def _noisy(pose: FloatArray, position: FloatArray, rotation: FloatArray) -> FloatArray:
-    """A pose ``(7,)`` moved by ``(3,)`` [m] and turned by the rotation vector ``(3,)`` [rad]."""
+    """A pose ``(7,)`` shifted by ``(3,)`` [m] and turned by a rotation vector ``(3,)`` [rad]."""
     from scipy.spatial.transform import Rotation
 
     orientation = Rotation.from_rotvec(rotation) * Rotation.from_quat(pose[3:])

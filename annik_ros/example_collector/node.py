@@ -152,7 +152,7 @@ class ExampleCollector(Node):
         """
         try:
             # A signal may have interrupted the record of an example.
-            self._journal.read_again()
+            self._journal.reload()
             if not self._journal.examples:
                 return "nothing was measured, and no dataset written"
             save_dataset(self._journal.dataset(), self._dataset_path)

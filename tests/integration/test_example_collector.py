@@ -245,7 +245,7 @@ def test_examples_that_can_not_be_measured_are_reported_and_the_others_kept(
     )
     fatal = _fatal(collector)
     assert "2 examples could not be measured (row" in fatal
-    assert "off the forward kinematics" in fatal
+    assert "from the nominal forward kinematics" in fatal
     assert len(load_dataset(measured)) == EXAMPLES - 2
 
 

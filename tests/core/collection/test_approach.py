@@ -58,7 +58,7 @@ def test_a_way_that_bulges_out_of_the_box_has_its_reason(scara) -> None:
         assert place_violation(scara, safety, place) is None
     way = approach(scara, safety, start, target, SPACING)
     assert way.waypoints is None
-    assert "on the way position." in way.violation
+    assert "on the path position." in way.violation
     assert "the workspace box allows" in way.violation
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -33,6 +33,7 @@ def test_no_joint_exceeds_the_limits_or_leaves_the_box_of_the_waypoints(
 
 
 @given(WAYPOINTS, LIMITS)
+@example(np.array([[1.0, 0.0, 0.0], [4.5e-36, 0.0, 0.0], [0.0, 0.0, 0.0]]), 1.0)
 def test_it_begins_and_ends_at_its_waypoints_exactly(waypoints, velocity) -> None:
     motion = JointMotion(waypoints, velocity, 1.0)
     assert (motion.joint_positions_at(motion.duration) == waypoints[-1]).all()

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.collection_plans import small_plan
 
-from annik_core.collection.errors import DatasetInTheWay, JournalMismatch
+from annik_core.collection.errors import JournalMismatch
 from annik_core.collection.journal import (
     CollectionJournal,
     MeasuredExample,
@@ -202,7 +202,7 @@ def test_a_folder_that_cannot_be_made_is_an_error_with_a_remedy(plan, tmp_path) 
 def test_a_dataset_without_a_journal_is_not_overwritten(plan, tmp_path) -> None:
     dataset = tmp_path / "measured.npz"
     dataset.write_bytes(b"of somebody else")
-    with pytest.raises(DatasetInTheWay) as caught:
+    with pytest.raises(NotWritable) as caught:
         open_journal(dataset, plan, SAMPLES)
     assert caught.value.path == dataset
     assert list(tmp_path.iterdir()) == [dataset]
@@ -215,12 +215,12 @@ def test_the_journal_is_beside_its_dataset(tmp_path) -> None:
 def test_reading_it_again_finds_what_was_written_before_an_interruption(plan, tmp_path) -> None:
     path = tmp_path / "journal.jsonl"
     with CollectionJournal(path, plan, SAMPLES) as journal:
-        journal.read_again()
+        journal.reload()
         assert journal.order is None
         journal.begin(ORDER, CollectionSettings())
         journal.record(example(plan, 3))
         journal.record(example(plan, 0))
         del journal.examples[0]
-        journal.read_again()
+        journal.reload()
         assert tuple(journal.examples) == (3, 0)
         assert journal.order == ORDER

@@ -32,7 +32,7 @@ def test_equal_samples_have_themselves_as_their_average() -> None:
     average = average_poses([POSE] * 7)
     assert pose_distance(POSE, average.pose) == pytest.approx((0, 0), abs=1e-12)
     assert average.samples == 7
-    assert average.wild_sample is None
+    assert average.outlier is None
     assert measurement_fault(average, POSE, SETTINGS) is None
 
 
@@ -53,28 +53,28 @@ def test_one_sample_is_its_own_average() -> None:
 
 
 @pytest.mark.parametrize("offset", [[0.02, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0.1, 0]])
-def test_a_single_wild_sample_is_found_by_position_or_orientation(offset) -> None:
+def test_a_single_outlier_is_found_by_position_or_orientation(offset) -> None:
     samples = noisy(np.random.default_rng(0), 10)
     turned = Rotation.from_rotvec(offset[3:]) * Rotation.from_quat(samples[4, 3:])
     samples[4] = [*(samples[4, :3] + offset[:3]), *turned.as_quat()]
     average = average_poses(samples)
-    assert average.wild_sample == 4
+    assert average.outlier == 4
     fault = measurement_fault(average, POSE, SETTINGS)
     assert fault is not None
     assert "sample 5 of 10 is far from the others" in fault
 
 
 @pytest.mark.parametrize(("samples", "most"), [(5, 0.004), (10, 0.001), (20, 0.0005)])
-def test_gaussian_noise_is_hardly_ever_taken_for_a_wild_sample(samples, most) -> None:
+def test_gaussian_noise_is_hardly_ever_taken_for_an_outlier(samples, most) -> None:
     rng = np.random.default_rng(1)
-    found = sum(average_poses(noisy(rng, samples)).wild_sample is not None for _ in range(4000))
+    found = sum(average_poses(noisy(rng, samples)).outlier is not None for _ in range(4000))
     assert found <= most * 4000
 
 
-def test_rounding_is_no_wild_sample() -> None:
+def test_rounding_is_no_outlier() -> None:
     samples = np.repeat(POSE[None], 10, axis=0)
     samples[3, 0] += 1e-5
-    assert average_poses(samples).wild_sample is None
+    assert average_poses(samples).outlier is None
 
 
 def test_samples_that_scatter_too_much_are_refused_with_numbers_and_limits() -> None:
@@ -91,7 +91,7 @@ def test_a_mean_far_from_nominal_is_refused(offset) -> None:
     nominal[:3] += offset
     fault = measurement_fault(average_poses([POSE] * 3), nominal, SETTINGS)
     assert fault is not None
-    assert "the mean is off the forward kinematics by" in fault
+    assert "the mean differs from the nominal forward kinematics by" in fault
     assert "allowed are 50 mm and 0.2 rad" in fault
 
 

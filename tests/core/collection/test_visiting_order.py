@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from annik_core.collection.visiting_order import travel_length, visiting_order
+from annik_core.collection.visiting_order import visiting_order
+
+
+def travel_length(start: np.ndarray, joint_positions: np.ndarray, order: tuple[int, ...]) -> float:
+    """How far the joint that moves furthest travels from ``start`` through rows in this order."""
+    path = np.vstack([start, joint_positions[list(order)]])
+    return float(np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0).sum())
 
 
 def places(count: st.SearchStrategy[int]) -> st.SearchStrategy[np.ndarray]:
