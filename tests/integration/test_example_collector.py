@@ -183,7 +183,7 @@ def test_a_silent_robot_ends_the_collection_and_a_new_start_goes_on(
     robot.kill()
     fatal = _fatal(collector)
     assert "stopped: no joint states for 3" in fatal
-    assert "the same command goes on from there" in fatal
+    assert "the same command continues from there" in fatal
     kept = _measured(measured)
     assert 2 <= kept < EXAMPLES
     assert len(load_dataset(measured)) == kept
