@@ -125,17 +125,15 @@ def difference_of_numbers(
     x, y, z, a, b, c, d = target
     from_x, from_y, from_z, e, f, g, h = achieved
     # The vector and the scalar part of the quaternion product q_target conjugate(q_achieved).
-    vector = (
-        a * h - d * e - b * g + c * f,
-        b * h - d * f - c * e + a * g,
-        c * h - d * g - a * f + b * e,
-    )
+    i = a * h - d * e - b * g + c * f
+    j = b * h - d * f - c * e + a * g
+    k = c * h - d * g - a * f + b * e
     scalar = a * e + b * f + c * g + d * h
-    sine = math.hypot(*vector)
+    sine = math.hypot(i, j, k)
     # The shorter way round; for small angles 2 atan2(sine, cosine) / sine is 2.
     half_angle = math.atan2(sine, abs(scalar))
     factor = math.copysign(2.0 * half_angle / sine if sine > 0.0 else 2.0, scalar)
-    return [x - from_x, y - from_y, z - from_z], [factor * part for part in vector]
+    return [x - from_x, y - from_y, z - from_z], [factor * i, factor * j, factor * k]
 
 
 def roll_pitch_yaw(quaternion: FloatArray | list[float]) -> tuple[float, float, float]:

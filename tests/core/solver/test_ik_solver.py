@@ -152,6 +152,23 @@ def test_wrong_shape_is_a_fault_of_the_caller(packaged: IkSolver) -> None:
         packaged.solve([0.3, 0.3, 0.6, 0, 0, 0])
 
 
+def test_names_and_lists_will_do(packaged: IkSolver) -> None:
+    """A packaged model by its name, a path as text, a pose and previous positions as lists."""
+    expected = packaged.solve(IN_WORKSPACE).joint_positions
+    assert expected is not None
+    for source in ("gantry", str(default_model_path())):
+        solver = IkSolver.from_file(source)
+        for previous in (None, expected.tolist()):
+            found = solver.solve(IN_WORKSPACE.tolist(), previous=previous).joint_positions
+            assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("previous", [[0.0] * 5, [[0.0] * 6], 0.0])
+def test_previous_joint_positions_are_one_per_joint(packaged: IkSolver, previous: object) -> None:
+    with pytest.raises(WrongShape):
+        packaged.solve(IN_WORKSPACE, previous)  # type: ignore[arg-type]
+
+
 any_number = st.one_of(st.floats(), st.floats(-1, 1))
 
 
