@@ -23,6 +23,20 @@ from annik_ros.parameters import ExecutorChoice
 _LONGEST_WAIT: Final = 0.5
 
 
+class NotInTime(AnnikError):
+    """What a node waits for did not come within a timeout.
+
+    Attributes:
+        missing: what is missing.
+        timeout: how long the node waited [s].
+    """
+
+    def __init__(self, missing: str, timeout: float, remedy: str) -> None:
+        self.missing = missing
+        self.timeout = timeout
+        super().__init__(f"{missing} after {timeout:g} s: {remedy}")
+
+
 def make_executor(choice: ExecutorChoice) -> Executor:
     """A new executor; the default one of rclpy if it has no events executor."""
     if choice is ExecutorChoice.EVENTS:

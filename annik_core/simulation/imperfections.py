@@ -47,8 +47,8 @@ class PeriodicTransmissionError(JointCorrection):
 
     def derivatives(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.corrections.JointCorrection`."""
-        slopes: FloatArray = 1.0 + self.amplitude * np.cos(joint_positions + self.phase)
-        return slopes
+        derivatives: FloatArray = 1.0 + self.amplitude * np.cos(joint_positions + self.phase)
+        return derivatives
 
 
 class InvalidImperfections(AnnikError):

@@ -29,7 +29,7 @@ from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcom
 from annik_ros.example_collector.parameters import ExampleCollectorParameters
 from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
-from annik_ros.run_node import one_line, run_node
+from annik_ros.run_node import NotInTime, one_line, run_node
 from annik_ros.throttle import Throttle
 from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.pose import pose_to_array
@@ -49,48 +49,25 @@ MEETING_TIME: Final = 1.0
 COMMAND_DEPTH: Final = 10
 
 
-class RobotNotReady(AnnikError):
-    """Topics that the collector needs are missing after the timeout."""
+class RefusedPose(AnnikError):
+    """A measured pose is in the wrong frame, or is the previous measurement again.
 
-    def __init__(self, missing: tuple[str, ...], timeout: float) -> None:
-        self.missing = missing
-        self.timeout = timeout
-        super().__init__(
-            f"after {timeout:g} s there is no {' and no '.join(missing)}: is it running, in the "
-            "same namespace and ROS_DOMAIN_ID, and are its topics remapped?"
-        )
+    Attributes:
+        reason: what it is counted as.
+    """
 
-
-class WrongPoseFrame(AnnikError):
-    """A measured pose is in another frame than the base frame of the robot."""
-
-    def __init__(self, frame: str, base_frame: str) -> None:
-        self.frame = frame
-        self.base_frame = base_frame
-        super().__init__(
-            f"{MEASURED_POSE.name} is in the frame {frame!r}; it must be in the base frame "
-            f"{base_frame!r}, or name none"
-        )
+    def __init__(self, reason: str, problem: str) -> None:
+        self.reason = reason
+        super().__init__(f"{MEASURED_POSE.name} {problem}")
 
 
-class RepeatedPose(AnnikError):
-    """A measured pose has the stamp of the previous one: it is the same measurement."""
-
-    def __init__(self, nanoseconds: int) -> None:
-        self.nanoseconds = nanoseconds
-        super().__init__(
-            f"{MEASURED_POSE.name} has the stamp of the previous one, {nanoseconds} ns: one "
-            "measurement is not averaged with itself"
-        )
-
-
-#: The counted reason of each refusal of a measured pose.
-_REFUSAL_REASONS: Final[dict[type[AnnikError], str]] = {
-    NonFiniteValue: "not finite",
-    NotUnitQuaternion: "not a unit quaternion",
-    WrongPoseFrame: "wrong frame",
-    RepeatedPose: "repeated stamp",
-}
+def _refusal_reason(error: AnnikError) -> str:
+    """The counted reason of the refusal of a measured pose."""
+    if isinstance(error, RefusedPose):
+        return error.reason
+    if isinstance(error, NonFiniteValue):
+        return "not finite"
+    return "not a unit quaternion" if isinstance(error, NotUnitQuaternion) else "malformed stamp"
 
 
 class ExampleCollector(Node):
@@ -173,7 +150,12 @@ class ExampleCollector(Node):
         if missing:
             self._ready_since = None
             if now > self._deadline:
-                raise RobotNotReady(missing, self._options.wait_timeout)
+                raise NotInTime(
+                    f"no {' and no '.join(missing)}",
+                    self._options.wait_timeout,
+                    "is it running, in the same namespace and ROS_DOMAIN_ID, and are its topics "
+                    "remapped?",
+                )
             return
         if self._ready_since is None:
             self._ready_since = now
@@ -235,8 +217,7 @@ class ExampleCollector(Node):
         try:
             pose = self._checked_pose(message)
         except AnnikError as error:
-            reason = _REFUSAL_REASONS.get(type(error), "malformed stamp")
-            self._counts.record_refused(reason, str(error))
+            self._counts.record_refused(_refusal_reason(error), str(error))
             if self._warning.is_due():
                 self.get_logger().warning(f"measured pose refused: {error}")
             return
@@ -247,11 +228,19 @@ class ExampleCollector(Node):
     def _checked_pose(self, message: PoseStamped) -> FloatArray:
         frame = message.header.frame_id
         if frame not in ("", self._robot.base_frame):
-            raise WrongPoseFrame(frame, self._robot.base_frame)
+            raise RefusedPose(
+                "wrong frame",
+                f"is in the frame {frame!r}; it must be in the base frame "
+                f"{self._robot.base_frame!r}, or name none",
+            )
         nanoseconds = stamp_to_nanoseconds(message.header.stamp)
         # A publisher without a clock leaves the stamp at zero.
         if nanoseconds != 0 and nanoseconds == self._last_stamp:
-            raise RepeatedPose(nanoseconds)
+            raise RefusedPose(
+                "repeated stamp",
+                f"has the stamp of the previous one, {nanoseconds} ns: one measurement is not "
+                "averaged with itself",
+            )
         self._last_stamp = nanoseconds
         return checked_pose(pose_to_array(message.pose))
 

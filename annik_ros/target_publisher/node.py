@@ -15,11 +15,10 @@ from rclpy.publisher import Publisher
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.qos import RESULT_DEPTH, reliable
-from annik_ros.run_node import run_node
+from annik_ros.run_node import NotInTime, run_node
 from annik_ros.target_publisher.parameters import TargetPublisherParameters
 from msg_tools.conversions.pose import pose_from_array, pose_stamped_from_array
 from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED
@@ -34,31 +33,6 @@ POLL_PERIOD = 0.02
 SETTLING_TIME = 1.5
 #: Longest wait for the confirmation of the last targets [s].
 DELIVERY_TIMEOUT = 10.0
-
-
-class NoSubscribers(AnnikError):
-    """There were not enough subscribers in time."""
-
-    def __init__(self, topic: str, found: int, wanted: int, timeout: float) -> None:
-        self.topic = topic
-        self.found = found
-        self.wanted = wanted
-        self.timeout = timeout
-        super().__init__(
-            f"{found} of {wanted} subscribers on {topic} after {timeout:g} s: is ik_node running, "
-            "in the same namespace and ROS_DOMAIN_ID?"
-        )
-
-
-class DeliveryNotConfirmed(AnnikError):
-    """A subscriber did not confirm that it received the targets."""
-
-    def __init__(self, topic: str, timeout: float) -> None:
-        self.topic = topic
-        self.timeout = timeout
-        super().__init__(
-            f"a subscriber on {topic} did not confirm the last targets within {timeout:g} s"
-        )
 
 
 class TargetPublisher(Node):
@@ -112,8 +86,10 @@ class TargetPublisher(Node):
             if wanted == 0 or now >= self._settled_at:
                 self._begin()
         elif now > self._deadline:
-            raise NoSubscribers(
-                self._publisher.topic_name, found, wanted, self._options.wait_timeout
+            raise NotInTime(
+                f"{found} of {wanted} subscribers on {self._publisher.topic_name}",
+                self._options.wait_timeout,
+                "is ik_node running, in the same namespace and ROS_DOMAIN_ID?",
             )
 
     def _begin(self) -> None:
@@ -143,7 +119,11 @@ class TargetPublisher(Node):
             if self._options.exit_when_done:
                 self.finished.set_result(None)
         elif time.monotonic() > self._deadline:
-            raise DeliveryNotConfirmed(self._publisher.topic_name, DELIVERY_TIMEOUT)
+            raise NotInTime(
+                f"a subscriber on {self._publisher.topic_name} did not confirm the last targets",
+                DELIVERY_TIMEOUT,
+                "is it still running?",
+            )
 
 
 def main(args: list[str] | None = None) -> int:
