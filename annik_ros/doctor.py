@@ -139,8 +139,10 @@ def check_round_trip() -> Iterator[Finding]:
     except ImportError:
         return  # check_ros has said so
     try:
-        start, trip = round_trip(default_model_path())
+        found = round_trip(default_model_path())
     except AnnikError:
+        found = None
+    if found is None:
         yield Finding(
             Verdict.BAD,
             f"no command came back from an ik_node within {TIMEOUT:g} s",
@@ -148,9 +150,11 @@ def check_round_trip() -> Iterator[Finding]:
             "/dev/shm has space",
         )
     else:
+        start, trip = found
         yield Finding(
             Verdict.GOOD,
-            f"ik_node answered {start:.2f} s after its start, then within {1e3 * trip:.2f} ms",
+            f"first command of ik_node {start:.2f} s after its start, then round trips of "
+            f"{1e3 * trip:.2f} ms",
         )
 
 

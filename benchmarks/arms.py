@@ -1,15 +1,17 @@
 """Train every packaged arm as ``annik train`` does, and measure it on fresh targets.
 
-Writes the packaged models, models/ROBOT.onnx, and docs/results/arms.md. The targets are drawn
-apart from everything that training draws. What is solved is verified by forward kinematics that
-share no code with the solver's. Each model answers in a process without torch, as in a node.
+The targets are drawn from another seed than the examples. What is solved is verified by forward
+kinematics that share no code with the solver's. Each model solves in a process without torch, as
+in a node.
 """
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import click
 import numpy as np
 
 from annik_core.model.artifact import load_model
@@ -18,15 +20,25 @@ from annik_training.designs.sampling import compute_dataset, compute_random_data
 from annik_training.fitting.options import ARM_OPTIONS
 from annik_training.train import train
 from benchmarks.answer_targets import PASSES, answers_of
+from benchmarks.command_line import (
+    ROOT,
+    chosen,
+    docs_folder,
+    docs_option,
+    names,
+    numbers,
+    out_option,
+    quick_option,
+    write_table,
+)
 from benchmarks.conditions import machine
 from benchmarks.ik.annik import our_solvers
 from benchmarks.ik.measure_paths import measure_paths
 from benchmarks.ik.robot_problem import robot_problem
 from benchmarks.ik.straight_paths import straight_paths
 from benchmarks.ik.verification import Verifier
+from benchmarks.markdown import markdown_table
 
-ROOT = Path(__file__).parents[1]
-RESULT = ROOT / "docs" / "results" / "arms.md"
 #: As ``annik train`` takes them for an arm.
 EXAMPLES = 512
 #: A quarter of them, to show what that costs.
@@ -46,50 +58,69 @@ _HEADER = (
 )
 
 
-def main() -> None:
-    """Train, measure and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--examples", type=int, nargs="+", default=[EXAMPLES, FEW_EXAMPLES])
-    parser.add_argument("--targets", type=int, default=2000)
-    parser.add_argument("--paths", type=int, default=200)
-    parser.add_argument("--robots", nargs="+", default=_arms())
-    arguments = parser.parse_args()
+@dataclass(frozen=True)
+class _Settings:
+    examples: tuple[int, ...] = (EXAMPLES, FEW_EXAMPLES)
+    targets: int = 2000
+    paths: int = 200
+    robots: tuple[str, ...] = tuple(
+        name for name in packaged_robots() if load_robot(name).kind == "arm"
+    )
+
+
+_STANDARD = _Settings()
+_QUICK = _Settings(examples=(FEW_EXAMPLES,), targets=100, paths=5, robots=("scara",))
+
+
+@click.command()
+@click.option("--examples", callback=numbers, help="For each model (default 512,128).")
+@click.option("--targets", type=click.IntRange(1), help="Random poses (default 2000).")
+@click.option("--paths", type=click.IntRange(1), help="Straight paths (default 200).")
+@click.option("--robots", callback=names, help="Packaged arms (default: all).")
+@quick_option("One arm, roughly")
+@out_option("bench", "the table, and the models in models/")
+@docs_option("the table, in results/ there,")
+def arms(quick: bool, out: Path, docs: Path | None, **choices: Any) -> None:
+    """Train the packaged arms anew and measure the models.
+
+    With the standard settings the models of the checkout are replaced.
+    """
+    settings = chosen(_QUICK if quick else _STANDARD, choices)
+    standard = settings == _STANDARD
+    docs = docs_folder(docs, standard=standard, quick=quick)
+    rows = []
+    for examples in settings.examples:
+        # The packaged models are those with the usual number of examples.
+        models = ROOT / "models" if standard and examples == EXAMPLES else out / "models"
+        for name in settings.robots:
+            rows.append(_measured(name, examples, settings, models))
+            click.echo(", ".join(rows[-1]))
     lines = [
         "<!-- Written by ./run bench arms -->",
         "",
-        f"{arguments.targets} targets, {arguments.paths} straight paths of {_POINTS} points, one "
+        f"{settings.targets} targets, {settings.paths} straight paths of {_POINTS} points, one "
         f"seed; times of the quietest of {PASSES} passes over the targets. {machine()}",
         "",
-        "| " + " | ".join(_HEADER) + " |",
-        "| " + " | ".join("---" for _ in _HEADER) + " |",
+        markdown_table(_HEADER, rows),
     ]
-    for examples in arguments.examples:
-        for name in arguments.robots:
-            row = _measured(name, examples, arguments.targets, arguments.paths)
-            lines.append("| " + " | ".join(row) + " |")
-            print(lines[-1], flush=True)
-    # A table of some robots only is for the eye.
-    if arguments.robots == _arms():
-        RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_table("arms", lines, out, docs)
 
 
-def _arms() -> list[str]:
-    return [name for name in packaged_robots() if load_robot(name).kind == "arm"]
-
-
-def _measured(name: str, examples: int, targets: int, paths: int) -> tuple[str, ...]:
+def _measured(name: str, examples: int, settings: _Settings, models: Path) -> tuple[str, ...]:
     """A row of the table."""
     robot = load_robot(name)
-    # The packaged models are those with the usual number of examples.
-    model = ROOT / ("models" if examples == EXAMPLES else "build/arms") / f"{name}.onnx"
+    models.mkdir(parents=True, exist_ok=True)
+    model = models / f"{name}.onnx"
     trained = train(compute_dataset(robot, "sobol", examples, seed=0), model, ARM_OPTIONS)
-    unseen = compute_random_dataset(robot, robot.joint_box, targets, _TARGET_SEED)
+    unseen = compute_random_dataset(robot, robot.joint_box, settings.targets, _TARGET_SEED)
     answers = answers_of(model, unseen.poses)
     steps = answers.newton_steps[np.isfinite(answers.joint_positions).all(axis=1)]
     verifier = Verifier(robot_problem(robot))
     verified = verifier.verified(answers.joint_positions, unseen.poses)
     refined = our_solvers(load_model(model))[-1]
-    followed, _ = straight_paths(robot, paths, _POINTS, np.random.default_rng(_TARGET_SEED))
+    followed, _ = straight_paths(
+        robot, settings.paths, _POINTS, np.random.default_rng(_TARGET_SEED)
+    )
     on_paths = measure_paths([refined], followed, verifier)[refined.name]
     errors = trained.evaluation.position_error
     return (
@@ -103,7 +134,3 @@ def _measured(name: str, examples: int, targets: int, paths: int) -> tuple[str, 
         f"{np.median(answers.microseconds):.0f}, {np.percentile(answers.microseconds, 99):.0f}",
         f"{on_paths.changing} of {on_paths.paths}",
     )
-
-
-if __name__ == "__main__":
-    main()

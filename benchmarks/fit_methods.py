@@ -3,16 +3,15 @@
 Both start from the same random weights, get the same examples (all of them: nothing is held out,
 and nothing chooses among the starts) and are stopped after the same number of evaluations. Errors
 are measured on 2,000 random poses of the workspace and on the 15 points of the paper's path.
-Writes docs/results/fit_methods.md, or what --out says.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import click
 import numpy as np
 import torch
 from rich.progress import track
@@ -36,11 +35,28 @@ from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import InverseKinematicsSystem
 from annik_training.fitting.variable_projection import ScaledExamples
 from annik_training.networks.network import InverseKinematicsNetwork, ScaledNetwork
+from benchmarks.command_line import (
+    chosen,
+    docs_folder,
+    docs_option,
+    out_option,
+    quick_option,
+    write_table,
+)
 from benchmarks.conditions import machine
+from benchmarks.markdown import markdown_table
 
-RESULT = Path(__file__).parents[1] / "docs" / "results" / "fit_methods.md"
 SETS = {"Set 1": 3, "Set 2": 6, "Set 3": 15}
 METHODS = ("separable", "plain")
+
+
+@dataclass(frozen=True)
+class _Settings:
+    starts: int = 10
+    evaluations: int = FitOptions.max_evaluations
+
+
+_STANDARD, _QUICK = _Settings(), _Settings(starts=2, evaluations=5)
 
 
 @dataclass(frozen=True)
@@ -105,7 +121,7 @@ def fit_plain(network: ScaledNetwork, examples: ScaledExamples, max_evaluations:
 def position_errors_mm(
     robot: Robot, network: InverseKinematicsNetwork, poses: FloatArray
 ) -> FloatArray:
-    """Distance of the end effector from each pose, by the direct kinematics."""
+    """Distance of the end effector from each pose, by forward kinematics."""
     achieved = robot.forward_kinematics.poses(network.joint_positions(poses))
     distances, _ = pose_distance(poses, achieved)
     return 1e3 * distances
@@ -135,13 +151,9 @@ def run(dataset: Dataset, unseen: FloatArray, method: str, seed: int, evaluation
     )
 
 
-def table(outcomes: dict[tuple[str, str], list[Outcome]], examples: dict[str, int]) -> list[str]:
-    """The Markdown table: median, and in brackets the range over the starts."""
-    lines = [
-        "| examples | method | training error | workspace rms [mm] | workspace max [mm] "
-        "| path max [mm] | time [s] |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+def table(outcomes: dict[tuple[str, str], list[Outcome]], examples: dict[str, int]) -> str:
+    """Median, and in brackets the range over the starts."""
+    rows = []
     for (name, method), results in outcomes.items():
         cells = []
         for field, form in (
@@ -154,17 +166,21 @@ def table(outcomes: dict[tuple[str, str], list[Outcome]], examples: dict[str, in
             values = [getattr(result, field) for result in results]
             low, middle, high = min(values), float(np.median(values)), max(values)
             cells.append(f"{middle:{form}} ({low:{form}} to {high:{form}})")
-        lines.append(f"| {name}: {examples[name]} | {method} | " + " | ".join(cells) + " |")
-    return lines
+        rows.append((f"{name}: {examples[name]}", method, *cells))
+    header = ("examples", "method", "training error", "workspace rms [mm]", "workspace max [mm]")
+    return markdown_table((*header, "path max [mm]", "time [s]"), rows)
 
 
-def main() -> None:
-    """Run the comparison and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--starts", type=int, default=10)
-    parser.add_argument("--evaluations", type=int, default=FitOptions.max_evaluations)
-    parser.add_argument("--out", type=Path, default=RESULT, help="where the table goes (.md)")
-    arguments = parser.parse_args()
+@click.command()
+@click.option("--starts", type=click.IntRange(1), help="For each set and method (default 10).")
+@click.option("--evaluations", type=click.IntRange(1), help="Of each fit (default 50).")
+@quick_option("Two starts, fewer evaluations")
+@out_option("bench", "the table")
+@docs_option("the table, in results/ there,")
+def fit_methods(quick: bool, out: Path, docs: Path | None, **choices: int | None) -> None:
+    """Two ways to fit the paper's network: separable and plain Levenberg-Marquardt."""
+    settings = chosen(_QUICK if quick else _STANDARD, choices)
+    docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
     torch.set_num_threads(1)
     robot = load_robot("gantry")
     unseen = compute_random_dataset(robot, robot.joint_box, 2000, seed=20_000).poses
@@ -176,29 +192,23 @@ def main() -> None:
     }
     jobs = [
         (seed, name, method)
-        for seed in range(arguments.starts)
+        for seed in range(settings.starts)
         for name in SETS
         for method in METHODS
     ]
     for seed, name, method in track(jobs, "fitting"):
         outcomes[name, method].append(
-            run(datasets[name], unseen, method, seed, arguments.evaluations)
+            run(datasets[name], unseen, method, seed, settings.evaluations)
         )
     lines = [
         "<!-- Written by ./run bench fit_methods -->",
         "",
-        f"Median (range) over {arguments.starts} starts, {arguments.evaluations} evaluations "
+        f"Median (range) over {settings.starts} starts, {settings.evaluations} evaluations "
         f"each. {machine()}",
         "",
         "Separable: annik's fit, on its own Levenberg-Marquardt. Plain: SciPy's (MINPACK) on all "
         "weights at once.",
         "",
-        *table(outcomes, {name: len(dataset) for name, dataset in datasets.items()}),
+        table(outcomes, {name: len(dataset) for name, dataset in datasets.items()}),
     ]
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print("\n".join(lines))
-
-
-if __name__ == "__main__":
-    main()
+    write_table("fit_methods", lines, out, docs)

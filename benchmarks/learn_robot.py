@@ -1,29 +1,33 @@
-"""Learn UR5es that are not as described, from few measured poses, and command them.
+"""Calibrate simulated UR5es that differ from their description, from few measured poses.
 
-Writes docs/results/learn_robot.md and docs/images/learn_robot.png. Each robot is a seed of
-:class:`benchmarks.perturbed_ur5e.PerturbedUr5e`, whose kinematics share no code with annik's. The
-poses held out are where that robot really is, without noise, at random joint positions of the
-working box, as far from its faces as the errors of the joints; the joint positions that the
-inverse kinematics answers for them are commanded, and the distance from there to the target is the
-error. The seeds were not used in development.
+Each robot is a seed of :class:`benchmarks.perturbed_ur5e.PerturbedUr5e`, whose kinematics share no
+code with annik's. The held-out poses are the true ones of that robot, without noise, at random
+joint positions of the joint box, as far from its faces as the errors of the joints. Error: the
+distance from the target to where the robot is at the joint positions of the solution. The seeds
+were not used in development.
 """
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import replace
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import MEASURED, Dataset
+from annik_core.files import write_files_atomically
 from annik_core.model.artifact import Model, load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.solver.ik_solver import IkSolver
-from annik_training.calibration.calibrate import LearnedRobot, learn_robot
+from annik_training.calibration import calibrate
 from annik_training.calibration.estimation import fit_parameters
 from annik_training.calibration.model import GrayBoxModel, Part
 from annik_training.calibration.observations import Noise, Observations
@@ -33,12 +37,20 @@ from annik_training.designs.sampling import compute_dataset
 from annik_training.fitting.fit import fit
 from annik_training.fitting.options import ARM_OPTIONS, FitOptions
 from annik_training.train import train
+from benchmarks.command_line import (
+    chosen,
+    docs_folder,
+    docs_option,
+    numbers,
+    out_option,
+    quick_option,
+    write_table,
+)
 from benchmarks.conditions import machine
+from benchmarks.markdown import markdown_table
 from benchmarks.perturbed_ur5e import ORIENTATION_NOISE, POSITION_NOISE, PerturbedUr5e, measured
 
-ROOT = Path(__file__).parents[1]
-RESULT = ROOT / "docs" / "results" / "learn_robot.md"
-FIGURE = ROOT / "docs" / "images" / "learn_robot.png"
+FIGURE = "learn_robot.png"
 SEEDS = (31415, 31416, 31417, 31418, 31419)
 HELD_OUT = 1000
 #: Nearer to a face of the working box, a pose may be out of reach of the box [rad].
@@ -51,56 +63,73 @@ SWEPT = ("thirty_phase", "thirty_phase_plus", "latin_hypercube", "sobol", "ident
 _NOMINAL = load_robot("ur5e")
 
 
-def main() -> None:
-    """Measure and write page and figure."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
-    parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES))
-    arguments = parser.parse_args()
+@dataclass(frozen=True)
+class _Settings:
+    seeds: tuple[int, ...] = SEEDS
+    sizes: tuple[int, ...] = SIZES
+    designs: tuple[str, ...] = SWEPT
+
+
+_STANDARD = _Settings()
+_QUICK = _Settings(seeds=SEEDS[:1], sizes=SIZES[:1], designs=("sobol",))
+
+
+@click.command()
+@click.option(
+    "--seeds", callback=numbers, help=f"Of the robots (default {', '.join(map(str, SEEDS))})."
+)
+@click.option("--sizes", callback=numbers, help=f"Examples (default {','.join(map(str, SIZES))}).")
+@quick_option("One robot")
+@out_option("bench", "the table, the figure and the models")
+@docs_option("the table, in results/ there, and the figure, in images/,")
+def learn_robot(quick: bool, out: Path, docs: Path | None, **choices: Any) -> None:
+    """Calibrate simulated UR5es that differ from their description. Takes about an hour."""
+    settings = chosen(_QUICK if quick else _STANDARD, choices)
+    docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
+    header, rows = _robots(settings.seeds, out / "learn_robot")
+    sweep = _sweep(settings)
+    sweep_rows = [
+        (
+            design,
+            *(
+                f"{1e3 * error:.4f} ({count})" if count != size else f"{1e3 * error:.4f}"
+                for size, (count, error) in zip(settings.sizes, points, strict=True)
+            ),
+        )
+        for design, points in sweep.items()
+    ]
     lines = [
         "<!-- Written by ./run bench learn_robot -->",
         "",
-        f"{len(arguments.seeds)} robots, {HELD_OUT} held-out poses of each, without noise; "
+        f"{len(settings.seeds)} robots, {HELD_OUT} held-out poses of each, without noise; "
         f"errors of position [mm]: mean, worst. {machine()}",
         "",
-        *_table(*_robots(arguments.seeds)),
+        markdown_table(header, rows),
         "",
         "By design of experiments and number of examples: mean error [mm], median of these "
         "robots; the same parts of the model for all, geometry and joint networks. Examples in "
         "parentheses where a design can't have just so many.",
         "",
+        markdown_table(("design", *map(str, settings.sizes)), sweep_rows),
     ]
-    sweep = _sweep(arguments.seeds, arguments.sizes)
-    rows = [
-        (
-            design,
-            *(
-                f"{1e3 * error:.4f} ({count})" if count != size else f"{1e3 * error:.4f}"
-                for size, (count, error) in zip(arguments.sizes, points, strict=True)
-            ),
-        )
-        for design, points in sweep.items()
-    ]
-    lines += _table(("design", *map(str, arguments.sizes)), rows)
-    if arguments.seeds == list(SEEDS) and arguments.sizes == list(SIZES):
-        RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        FIGURE.write_bytes(_figure(sweep))
-    print("\n".join(lines))
+    write_table("learn_robot", lines, out, docs)
+    for folder in (out, *([docs / "images"] if docs is not None else [])):
+        write_files_atomically(folder, {FIGURE: _figure(sweep)})
 
 
-def _robots(seeds: list[int]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _robots(seeds: Sequence[int], models: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """The table of what is learned of each robot."""
     columns: dict[str, dict[int, str]] = {}
     for seed in seeds:
-        for name, value in _one_robot(seed).items():
+        for name, value in _one_robot(seed, models).items():
             columns.setdefault(name, {})[seed] = value
-            print(seed, name, value, flush=True)
+            click.echo(f"{seed} {name} {value}")
     header = ("learned from", *(f"robot {seed}" for seed in seeds))
     rows = [(name, *(values[seed] for seed in seeds)) for name, values in columns.items()]
     return header, rows
 
 
-def _one_robot(seed: int) -> dict[str, str]:
+def _one_robot(seed: int, models: Path) -> dict[str, str]:
     robot = PerturbedUr5e(seed)
     box = _NOMINAL.joint_box
     rng = np.random.default_rng([seed, HELD_OUT])
@@ -110,8 +139,9 @@ def _one_robot(seed: int) -> dict[str, str]:
     nominal = load_model("ur5e")
     row = {"nothing: the nominal model": _errors(nominal, robot, targets)[0]}
     main_dataset = _measured_dataset(robot, "sobol", 102, seed)
-    learned = learn_robot(main_dataset)
-    path = ROOT / "build" / "learn_robot" / f"{seed}.onnx"
+    learned = calibrate.learn_robot(main_dataset)
+    models.mkdir(parents=True, exist_ok=True)
+    path = models / f"{seed}.onnx"
     train(compute_dataset(learned.robot, "sobol", 512, 0), path, ARM_OPTIONS)
     served = load_model(path)
     row["**102 Sobol examples**"], within = _errors(served, robot, targets)
@@ -132,7 +162,7 @@ def _one_robot(seed: int) -> dict[str, str]:
         ),
         ("102, 5 % of them gross outliers", _with_outliers(main_dataset, seed), {}),
     ):
-        changed = learn_robot(dataset, **options)
+        changed = calibrate.learn_robot(dataset, **options)
         row[name] = _errors(_served(served, changed), robot, targets)[0]
     networks = (
         ("102, the paper's network alone (6-20-6)", FitOptions(seed=0)),
@@ -144,7 +174,7 @@ def _one_robot(seed: int) -> dict[str, str]:
     return row
 
 
-def _served(artifact: Model, learned: LearnedRobot) -> Model:
+def _served(artifact: Model, learned: calibrate.LearnedRobot) -> Model:
     """The same network as a start, for another learned robot."""
     return replace(artifact, robot=learned.robot)
 
@@ -210,16 +240,16 @@ def _mean_and_worst(distances: FloatArray) -> str:
     return f"{1e3 * distances.mean():.4f}, {1e3 * distances.max():.4f}"
 
 
-def _sweep(seeds: list[int], sizes: list[int]) -> dict[str, list[tuple[int, float]]]:
+def _sweep(settings: _Settings) -> dict[str, list[tuple[int, float]]]:
     """Number of examples and mean error by design and wanted number."""
     model = GrayBoxModel(_NOMINAL, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
     noise = Noise(POSITION_NOISE, ORIENTATION_NOISE)
     swept: dict[str, list[tuple[int, float]]] = {}
-    for design in SWEPT:
-        for size in sizes:
+    for design in settings.designs:
+        for size in settings.sizes:
             chosen = _size_of(design, size)
             errors = []
-            for seed in seeds:
+            for seed in settings.seeds:
                 robot = PerturbedUr5e(seed)
                 dataset = _measured_dataset(robot, design, chosen, seed)
                 start = model.start(np.random.default_rng(seed))
@@ -228,7 +258,7 @@ def _sweep(seeds: list[int], sizes: list[int]) -> dict[str, list[tuple[int, floa
                 where, _ = model.positions_and_rotations(fitted.parameters, held_out)
                 errors.append(np.linalg.norm(where - robot.pose(held_out)[0], axis=1).mean())
             swept.setdefault(design, []).append((len(dataset), float(np.median(errors))))
-            print(design, size, swept[design][-1], flush=True)
+            click.echo(f"{design} {size} {swept[design][-1]}")
     return swept
 
 
@@ -245,17 +275,7 @@ def _size_of(design: str, examples: int) -> int:
     return min(counts, key=lambda size: abs(counts[size] - examples))
 
 
-def _table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    lines = [header, ("---",) * len(header), *rows]
-    return ["| " + " | ".join(line) + " |" for line in lines]
-
-
 def _figure(sweep: dict[str, list[tuple[int, float]]]) -> bytes:
-    import io
-
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes: Any = figure.subplots()
@@ -274,7 +294,3 @@ def _figure(sweep: dict[str, list[tuple[int, float]]]) -> bytes:
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=110)
     return content.getvalue()
-
-
-if __name__ == "__main__":
-    main()

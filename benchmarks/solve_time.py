@@ -1,32 +1,43 @@
 """How long one target takes, part by part, measured in turn in one run.
 
-Each round answers one random pose of the workspace with every part, so that whatever slows the
-machine slows all of them. Ratios to the bare network are what to compare between machines. Writes
-docs/results/solve_time.md.
+Each round times every part on one random pose of the workspace, so that other load on the machine
+slows all of them. Compare the ratios to the network between machines, not the times.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import click
 import numpy as np
 
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import FloatArray, checked_pose, pose_difference
 from annik_core.solver.ik_solver import IkSolver
+from benchmarks.command_line import (
+    docs_folder,
+    docs_option,
+    out_option,
+    quick_option,
+    write_table,
+)
 from benchmarks.conditions import machine
+from benchmarks.markdown import markdown_table
 
-RESULT = Path(__file__).parents[1] / "docs" / "results" / "solve_time.md"
+_ROUNDS, _QUICK_ROUNDS = 5000, 200
 
 
-def main() -> None:
-    """Measure and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=5000)
-    rounds = parser.parse_args().rounds
+@click.command()
+@click.option("--rounds", type=click.IntRange(1), help=f"Targets (default {_ROUNDS}).")
+@quick_option("Fewer rounds")
+@out_option("bench", "the table")
+@docs_option("the table, in results/ there,")
+def solve_time(rounds: int | None, quick: bool, out: Path, docs: Path | None) -> None:
+    """The time of a solve of the gantry, part by part."""
+    rounds = rounds or (_QUICK_ROUNDS if quick else _ROUNDS)
+    docs = docs_folder(docs, standard=rounds == _ROUNDS, quick=quick)
     solver = IkSolver.from_file(default_model_path())
     robot = solver.robot
     rng = np.random.default_rng(0)
@@ -48,21 +59,16 @@ def main() -> None:
             part(pose)
             times[name].append(1e6 * (time.perf_counter() - begin))
     reference = float(np.median(times["network"]))
+    rows = [
+        (name, f"{median:.0f}", f"{p99:.0f}", f"{median / reference:.1f}")
+        for name, values in times.items()
+        for median, p99 in [np.percentile(values, [50, 99])]
+    ]
     lines = [
         "<!-- Written by ./run bench solve_time -->",
         "",
         f"{rounds} rounds. {machine()}",
         "",
-        "| part | median [us] | p99 [us] | median / network |",
-        "| --- | --- | --- | --- |",
+        markdown_table(("part", "median [us]", "p99 [us]", "median / network"), rows),
     ]
-    for name, values in times.items():
-        median, high = np.percentile(values, [50, 99])
-        lines.append(f"| {name} | {median:.0f} | {high:.0f} | {median / reference:.1f} |")
-    RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print("\n".join(lines))
-
-
-if __name__ == "__main__":
-    main()
+    write_table("solve_time", lines, out, docs)

@@ -12,7 +12,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
 
 #: What to install for a library that not every command needs.
 _EXTRAS = {
-    "joblib": "training",
     "torch": "training",
     "onnxscript": "training",
     "sympy": "training",
@@ -475,202 +473,11 @@ def report(bag: Path, out: Path | None, namespace: str | None) -> None:
     click.echo(f"report: {folder / 'report.html'}")
 
 
-def _names(_: click.Context, __: click.Parameter, text: str | None) -> tuple[str, ...] | None:
-    """A list of names as it is typed, each once."""
-    if text is None:
-        return None
-    return tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-
-
-def _numbers(
-    context: click.Context, parameter: click.Parameter, text: str | None
-) -> tuple[int, ...] | None:
-    names = _names(context, parameter, text)
-    try:
-        return None if names is None else tuple(dict.fromkeys(map(int, names)))
-    except ValueError as error:
-        raise click.BadParameter(f"{text!r} is not a list of numbers like 16,32") from error
-
-
-@cli.command()
-@click.option(
-    "--out",
-    type=_PATH,
-    default=Path("build/study"),
-    show_default=True,
-    help="Folder for results, summary, page and figures. Jobs found there are not run again.",
-)
-@click.option(
-    "--systems",
-    callback=_names,
-    help="F, elbow_arm, interaction, robots or definitions (.yaml); default gantry,F,elbow_arm.",
-)
-@click.option("--designs", callback=_names, help=f"Of {_DESIGN_NAMES}; default all.")
-@click.option(
-    "--training",
-    callback=_names,
-    help="Of plain, linear_path, sobolev, bayesian and sobolev_bayesian; default all.",
-)
-@click.option(
-    "--examples",
-    callback=_numbers,
-    help="How many, or the nearest that a design can have; default 16,32,64,128.",
-)
-@click.option("--seeds", type=int, help="How often to repeat each combination (default 5).")
-@click.option("--max-evaluations", type=int, help="Residuals per fit (default 50).")
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    help="Processes; as many as there are processors.",
-)
-@click.option("--quick", is_flag=True, help="A rough study of a minute; other options refine it.")
-@click.option("--docs", type=_PATH, help="Write the page and its figures to this folder too.")
-def study(
-    out: Path,
-    workers: int | None,
-    quick: bool,
-    docs: Path | None,
-    **choices: Any,
-) -> None:
-    """Compare designs and ways to train: error against number of examples.
-
-    Runs every design x training x system x number of examples x seed, as independent jobs. A
-    study that was stopped goes on where it was when the same command is given again.
-    """
-    from benchmarks.study.command import study_command
-
-    given = {name: value for name, value in choices.items() if value is not None}
-    code = study_command(given, quick=quick, folder=out, workers=workers or -1, docs=docs)
-    click.get_current_context().exit(code)
-
-
-@cli.command()
-@click.option(
-    "--out",
-    type=_PATH,
-    default=Path("build/paper"),
-    show_default=True,
-    help="Folder for results.json, tables, figures and the page.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=2026,
-    show_default=True,
-    help="The master seed, from which all others are drawn.",
-)
-@click.option("--workers", type=click.IntRange(1), help="Processes; default: one per processor.")
-@click.option("--quick", is_flag=True, help="All parts, roughly, in about a minute.")
-@click.option("--docs", type=_PATH, help="Also write the page and its figures there.")
-def paper(out: Path, seed: int, workers: int | None, quick: bool, docs: Path | None) -> None:
-    """Reproduce the published method: every table and figure of the paper."""
-    from benchmarks.paper.files import PAGE, RESULTS, check_writable, write_reproduction
-    from benchmarks.paper.reproduction import PaperSettings, measure
-
-    if quick and docs is not None:
-        raise ConflictingOptions("--quick", ["--docs"])
-    check_writable(*(folder for folder in (out, docs) if folder is not None))
-    settings = PaperSettings.quick(seed) if quick else PaperSettings(seed)
-    with Progress(
-        TextColumn("reproducing the paper"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("jobs"),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-    ) as progress:
-        task = progress.add_task("", total=None)
-        measured = measure(
-            settings,
-            workers or -1,
-            lambda done, jobs: progress.update(task, completed=done, total=jobs),
-        )
-    write_reproduction(measured, out, docs)
-    Console().print(
-        f"wrote {PAGE}, {RESULTS}, tables and figures to {escape(str(out))}"
-        + (f", the page to {escape(str(docs))} too" if docs else ""),
-        soft_wrap=True,
-    )
-
-
 @cli.command()
 def doctor() -> None:
     """Check this installation: libraries, ROS 2, models, and a target over the middleware."""
     # A process of its own: it needs ROS, of which training knows nothing.
     sys.exit(subprocess.run([sys.executable, "-m", "annik_ros.doctor"], check=False).returncode)
-
-
-@cli.group()
-def bench() -> None:
-    """Compare annik with others."""
-
-
-@bench.command("ik")
-@click.option(
-    "--robot", default="ur5e", show_default=True, help="An arm: packaged, or a definition or URDF."
-)
-@click.option("--model", type=_FILE, help="Its model file (.onnx); default: the packaged one.")
-@click.option(
-    "--targets", type=click.IntRange(1), default=2000, show_default=True, help="Random poses."
-)
-@click.option(
-    "--paths", type=click.IntRange(1), default=200, show_default=True, help="Straight lines."
-)
-@click.option(
-    "--points", type=click.IntRange(2), default=100, show_default=True, help="On each line."
-)
-@click.option(
-    "--rounds",
-    type=click.IntRange(1),
-    default=3,
-    show_default=True,
-    help="How often each solver is timed on each target; the median counts.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=2026,
-    show_default=True,
-    help="Of targets and lines, apart from those of training.",
-)
-@click.option(
-    "--out",
-    type=_PATH,
-    default=Path("build/bench"),
-    show_default=True,
-    help="Folder for page and data.",
-)
-@click.option("--docs", type=_PATH, help="Also write page and data to results/ in this folder.")
-def bench_ik(robot: str, model: Path | None, out: Path, docs: Path | None, **amounts: int) -> None:
-    """Inverse kinematics: annik and the solvers of others on the same targets.
-
-    Success, branch, times, straight paths and throughput of every solver that is installed; the
-    others are skipped and named. `./run bench ik` installs them all, in an environment of their
-    own.
-    """
-    from benchmarks.ik.command import bench_ik_command
-    from benchmarks.ik.results import BenchSettings
-
-    bench_ik_command(robot, model, BenchSettings(**amounts), out, docs)
-
-
-@bench.command(
-    "node",
-    # All of them are those of the process that is started, --help too.
-    context_settings={"ignore_unknown_options": True, "help_option_names": []},
-)
-@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def bench_node(arguments: tuple[str, ...]) -> None:
-    """The node: ik_node beside one that does nothing, over ROS 2.
-
-    Round trips, streams of targets, processor time, memory and start. Needs rclpy, and about half
-    an hour; --quick shows in half a minute that it works, --help what else there is.
-    """
-    # ROS is never loaded here: what trains must work without it.
-    if find_spec("rclpy") is None:
-        raise MissingLibrary("rclpy", "ros")
-    command = [sys.executable, "-m", "benchmarks.node", *arguments]
-    click.get_current_context().exit(subprocess.run(command, check=False).returncode)
 
 
 class ConflictingOptions(AnnikError):

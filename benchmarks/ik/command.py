@@ -1,10 +1,11 @@
-"""``annik bench ik``: what it shows in the terminal, and the files that it leaves."""
+"""``./run bench ik``: options, what it shows in the terminal, and the files that it leaves."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+import click
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import (
@@ -21,8 +22,16 @@ from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.installation import share_directory
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
+from benchmarks.command_line import (
+    FILE,
+    chosen,
+    docs_folder,
+    docs_option,
+    out_option,
+    quick_option,
+)
 from benchmarks.ik.page import bench_page
-from benchmarks.ik.results import BenchResults, BenchSettings
+from benchmarks.ik.results import QUICK, BenchResults, BenchSettings
 from benchmarks.ik.robot_problem import robot_problem
 from benchmarks.ik.run import run_bench
 from benchmarks.ik.terminal import print_results
@@ -32,6 +41,7 @@ DATA = "ik_bench.json"
 #: Where both go in the documentation.
 _DOCS_FOLDER = "results"
 _FILE_WIDTH = 120
+_STANDARD = BenchSettings()
 
 
 class NoModelForBench(AnnikError):
@@ -47,22 +57,55 @@ class NoModelForBench(AnnikError):
         )
 
 
-def bench_ik_command(
-    robot_name: str, model: Path | None, settings: BenchSettings, out: Path, docs: Path | None
+@click.command()
+@click.option(
+    "--robot",
+    "robot_name",
+    default="ur5e",
+    show_default=True,
+    help="An arm: packaged, or a definition or URDF.",
+)
+@click.option("--model", type=FILE, help="Its model file (.onnx); default: the packaged one.")
+@click.option(
+    "--targets", type=click.IntRange(1), help=f"Random poses (default {_STANDARD.targets})."
+)
+@click.option(
+    "--paths", type=click.IntRange(1), help=f"Straight lines (default {_STANDARD.paths})."
+)
+@click.option(
+    "--points", type=click.IntRange(2), help=f"On each line (default {_STANDARD.points})."
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1),
+    help="How often each solver is timed on each target; the median counts "
+    f"(default {_STANDARD.rounds}).",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    help=f"Of targets and lines, apart from those of training (default {_STANDARD.seed}).",
+)
+@quick_option("Everything, roughly")
+@out_option("bench", "page and data")
+@docs_option("page and data, in results/ there,")
+def ik(
+    robot_name: str,
+    model: Path | None,
+    quick: bool,
+    out: Path,
+    docs: Path | None,
+    **amounts: int | None,
 ) -> None:
-    """Measure, show the tables, and write page and data.
+    """Inverse kinematics: annik and the solvers of others on the same targets.
 
-    Args:
-        robot_name: a packaged robot, or the path of a definition or a URDF.
-        model: the model file; left out, the packaged one of the robot.
-        settings: how much to measure.
-        out: folder for page and data.
-        docs: folder of the documentation, where they go too.
-
-    Raises:
-        AnnikError: if there is no model, it is for another robot, the robot is no arm, or a file
-            can't be written.
+    Success, branch, times, straight paths and throughput of every solver that is installed; the
+    others are skipped and named. `./run bench ik` installs them all, in an environment of their
+    own.
     """
+    settings = chosen(QUICK if quick else _STANDARD, amounts)
+    standard = settings == _STANDARD and robot_name == "ur5e" and model is None
+    docs = docs_folder(docs, standard=standard, quick=quick)
     folders = [out, *([docs / _DOCS_FOLDER] if docs is not None else [])]
     for folder in folders:
         # Before the minutes of measuring, not after them.

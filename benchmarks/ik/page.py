@@ -6,15 +6,17 @@ from dataclasses import asdict
 
 from benchmarks.ik.measure_alone import BLOCK
 from benchmarks.ik.measure_paths import FACTOR, MARGIN
-from benchmarks.ik.results import BenchResults, BenchSettings
+from benchmarks.ik.results import QUICK, BenchResults, BenchSettings
 from benchmarks.ik.tables import COMPARABLE, BenchTable, Cell, bench_tables
+from benchmarks.markdown import markdown_table
 
 
 def command(results: BenchResults) -> str:
     """What to type for the same."""
     settings = results.settings
-    standard = asdict(BenchSettings())
-    options = [
+    standard = asdict(QUICK if settings == QUICK else BenchSettings())
+    options = ["--quick"] if settings == QUICK else []
+    options += [
         f"--{name} {value}" for name, value in asdict(settings).items() if value != standard[name]
     ]
     if not results.model.packaged:
@@ -127,11 +129,6 @@ def _conditions(results: BenchResults) -> str:
 
 def _markdown(table: BenchTable) -> str:
     numbers = len(table.columns) - 2 if table.columns[1] == "kind" else 0
-    rules = ["---"] * (len(table.columns) - numbers) + ["---:"] * numbers
-    lines = [
-        table.columns,
-        rules,
-        *([f"**{cell.text}**" if cell.best else cell.text for cell in row] for row in table.rows),
-    ]
-    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    rows = [[f"**{cell.text}**" if cell.best else cell.text for cell in row] for row in table.rows]
+    body = markdown_table(table.columns, rows, numbers)
     return f"#### {table.title}\n\n{body}"

@@ -34,6 +34,10 @@ class BenchSettings:
     seed: int = 2026
 
 
+#: Every part, roughly: to see that it works.
+QUICK = BenchSettings(targets=50, paths=5, points=20, rounds=1)
+
+
 @dataclass(frozen=True)
 class SolverEntry:
     """A solver that took part: what it is and how it was set."""

@@ -1,4 +1,4 @@
-"""How quick ``ik_node`` is, beside a node that does nothing, for ``annik bench node``.
+"""How quick ``ik_node`` is, beside a node that does nothing, for ``./run bench node``.
 
 A *null node* answers each ``target_pose`` with a ``joint_command`` that never changes: ordinary
 rclpy, a subscription of messages and a publisher. What it takes is what ROS 2 takes from Python;

@@ -1,8 +1,7 @@
 """``python -m benchmarks.node``."""
 
-import sys
-
-from benchmarks.node.command import main
+from benchmarks.command_line import run
+from benchmarks.node.command import node
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(node, "./run bench node")

@@ -1,20 +1,26 @@
-"""``annik bench node``: what it is asked for, and the files that it leaves."""
+"""``./run bench node``: options, and the files that it leaves."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
 import sys
-from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from annik_core.errors import AnnikError
+import click
+
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_ros.processes import end_all
+from benchmarks.command_line import (
+    chosen,
+    docs_folder,
+    docs_option,
+    out_option,
+    quick_option,
+)
 from benchmarks.node.page import node_bench_page
 from benchmarks.node.results import NodeBenchResults
 from benchmarks.node.run import run_node_bench
@@ -26,66 +32,50 @@ DATA = "node_bench.json"
 _DOCS_FOLDER = "results"
 
 
-def main() -> int:
-    """Measure, and write page and data; returns the exit code."""
-    arguments = _parser().parse_args()
-    settings = _settings(arguments)
+_STANDARD = NodeBenchSettings()
+_POSITIVE = click.FloatRange(0.0, min_open=True)
+
+
+@click.command()
+@click.option(
+    "--rounds",
+    type=click.IntRange(1),
+    help=f"Round trips of each node (default {_STANDARD.rounds}).",
+)
+@click.option(
+    "--stream-seconds",
+    type=_POSITIVE,
+    help=f"How long each stream lasts [s] (default {_STANDARD.stream_seconds:g}).",
+)
+@click.option(
+    "--memory-minutes",
+    type=_POSITIVE,
+    help=f"How long the memory is watched [min] (default {_STANDARD.memory_minutes:g}).",
+)
+@click.option(
+    "--starts", type=click.IntRange(1), help=f"Starts of each node (default {_STANDARD.starts})."
+)
+@quick_option("Everything, roughly")
+@out_option("bench", "page, data and logs")
+@docs_option("page and data, in results/ there,")
+def node(quick: bool, out: Path, docs: Path | None, **amounts: float | None) -> None:
+    """The node: ik_node beside one that does nothing, over ROS 2.
+
+    Round trips, streams of targets, processor time, memory and start. Takes about half an hour.
+    """
+    settings = chosen(QUICK if quick else _STANDARD, amounts)
+    docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
     _isolate()
     # A shell that starts it in the background has SIGINT ignored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _on_termination)
     try:
-        _bench(settings, arguments.out, arguments.docs)
+        _bench(settings, out, docs)
     except KeyboardInterrupt:
-        return 128 + signal.SIGINT
-    except AnnikError as error:
-        print(f"annik: {error}", file=sys.stderr)
-        return 1
+        click.get_current_context().exit(128 + signal.SIGINT)
     finally:
         end_all()
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="annik bench node",
-        description="How quick ik_node is, beside a node that does nothing.",
-    )
-    standard = NodeBenchSettings()
-    parser.add_argument(
-        "--rounds", type=_positive_int, help=f"round trips of each node ({standard.rounds})"
-    )
-    parser.add_argument(
-        "--stream-seconds",
-        type=_positive,
-        help=f"how long each stream lasts [s] ({standard.stream_seconds:g})",
-    )
-    parser.add_argument(
-        "--memory-minutes",
-        type=_positive,
-        help=f"how long the memory is watched [min] ({standard.memory_minutes:g})",
-    )
-    parser.add_argument(
-        "--starts", type=_positive_int, help=f"starts of each node ({standard.starts})"
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="everything, roughly, in half a minute"
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("build/bench"), help="folder for page, data and logs"
-    )
-    parser.add_argument(
-        "--docs", type=Path, help="also write page and data to results/ in this folder"
-    )
-    return parser
-
-
-def _settings(arguments: argparse.Namespace) -> NodeBenchSettings:
-    base = QUICK if arguments.quick else NodeBenchSettings()
-    names = (name for name in asdict(base) if name in arguments)
-    given = {name: getattr(arguments, name) for name in names}
-    return replace(base, **{name: value for name, value in given.items() if value is not None})
 
 
 def _isolate() -> None:
@@ -114,20 +104,6 @@ def _write(results: NodeBenchResults, folder: Path) -> None:
     data = json.dumps(results.as_plain_data(), indent=2) + "\n"
     contents = {PAGE: node_bench_page(results).encode(), DATA: data.encode()}
     write_files_atomically(folder, contents)
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not greater than 0")
-    return value
-
-
-def _positive_int(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not at least 1")
-    return value
 
 
 def _on_termination(signal_number: int, frame: FrameType | None) -> NoReturn:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from annik_ros.parameters import ExecutorChoice
+from benchmarks.markdown import markdown_table
 from benchmarks.node.nodes import NULL, NodeVariant
 from benchmarks.node.results import NodeBenchResults, RoundTripResult
 from benchmarks.node.settings import QUICK, NodeBenchSettings
@@ -103,7 +104,7 @@ def _round_trips(results: Sequence[RoundTripResult]) -> str:
         "CPU per message [us]",
         "unanswered",
     )
-    return _table(header, rows, 2)
+    return markdown_table(header, rows, len(header) - 2)
 
 
 def _streams(results: NodeBenchResults) -> str:
@@ -136,7 +137,7 @@ def _streams(results: NodeBenchResults) -> str:
         "age max [ms]",
         "CPU [% of a core]",
     )
-    return _table(header, rows, 1)
+    return markdown_table(header, rows, len(header) - 1)
 
 
 def _memory(results: NodeBenchResults) -> str:
@@ -161,7 +162,7 @@ def _memory(results: NodeBenchResults) -> str:
         "largest [MB]",
         "growth [MB]",
     )
-    return _table(header, rows, 1)
+    return markdown_table(header, rows, len(header) - 1)
 
 
 def _starts(results: NodeBenchResults) -> str:
@@ -175,10 +176,4 @@ def _starts(results: NodeBenchResults) -> str:
         )
         for result in results.starts
     ]
-    return _table(("node", "starts", "fastest [s]", "median [s]", "worst [s]"), rows, 1)
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]], words: int) -> str:
-    """A Markdown table whose first ``words`` columns are words, the others numbers."""
-    rules = ["---"] * words + ["---:"] * (len(header) - words)
-    return "\n".join("| " + " | ".join(line) + " |" for line in (header, rules, *rows))
+    return markdown_table(("node", "starts", "fastest [s]", "median [s]", "worst [s]"), rows, 4)

@@ -1,4 +1,4 @@
-"""What ``annik study`` shows in the terminal, and the files that it leaves.
+"""``./run study``: options, what it shows in the terminal, and the files that it leaves.
 
 What is slow to load is loaded where it is needed, so that Ctrl-C finds its answer from the start.
 """
@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import (
@@ -23,6 +24,7 @@ from rich.progress import (
 from rich.table import Table
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
+from benchmarks.command_line import docs_folder, docs_option, names, numbers, out_option
 from benchmarks.study.errors import StudyError
 
 if TYPE_CHECKING:
@@ -36,32 +38,51 @@ _SPEED_PERIOD = 600.0
 _SHOWN_FAILURES = 5
 
 
-def study_command(
-    given: Mapping[str, Any], *, quick: bool, folder: Path, workers: int, docs: Path | None
-) -> int:
-    """Run a study, or what is left of it, and write what it found.
+@click.command()
+@out_option(
+    "study", "results, summary, page and figures. Jobs whose results are there are not run again"
+)
+@docs_option("the page and its figures")
+@click.option(
+    "--systems",
+    callback=names,
+    help="F, elbow_arm, interaction, robots or definitions (.yaml); default gantry,F,elbow_arm.",
+)
+@click.option(
+    "--designs",
+    callback=names,
+    help="Of thirty_phase, thirty_phase_plus, workspace_grid, central_composite, "
+    "latin_hypercube, sobol, random, active and identifiability; default all.",
+)
+@click.option(
+    "--training",
+    callback=names,
+    help="Of plain, linear_path, sobolev, bayesian and sobolev_bayesian; default all.",
+)
+@click.option(
+    "--examples",
+    callback=numbers,
+    help="How many, or the nearest that a design can have; default 16,32,64,128.",
+)
+@click.option("--seeds", type=int, help="How often to repeat each combination (default 5).")
+@click.option("--max-evaluations", type=int, help="Residuals per fit (default 50).")
+@click.option("--workers", type=click.IntRange(1), help="Processes; default: one per processor.")
+@click.option("--quick", is_flag=True, help="A rough study of a minute; other options refine it.")
+def study(out: Path, docs: Path | None, workers: int | None, quick: bool, **choices: Any) -> None:
+    """Compare designs and ways to train: error against number of examples.
 
-    Args:
-        given: settings that differ from the standard ones, or from the quick ones.
-        quick: whether it is a quick study.
-        folder: where results, summary, page and figures go.
-        workers: processes, or -1 for as many as there are processors.
-        docs: where page and figures go as well.
-
-    Returns:
-        The exit code: 0, or :data:`INTERRUPTED`.
-
-    Raises:
-        AnnikError: see :func:`benchmarks.study.run.run_study`; also if every job failed.
+    Runs every design x training x system x number of examples x seed, as independent jobs. A
+    study that was stopped goes on where it was when the same command is given again.
     """
-    display = _Display(Console(stderr=True), folder)
+    given = {name: value for name, value in choices.items() if value is not None}
+    docs = docs_folder(docs, standard=not (given or quick), quick=quick)
+    display = _Display(Console(stderr=True), out)
     try:
-        outcome = display.run(given, quick, workers)
-        _report(outcome, folder, docs)
+        outcome = display.run(given, quick, workers or -1)
+        _report(outcome, out, docs)
     except KeyboardInterrupt:
         display.say(f"stopped; {display.count}run the same command to go on")
-        return INTERRUPTED
-    return 0
+        click.get_current_context().exit(INTERRUPTED)
 
 
 class _Display:

@@ -8,6 +8,7 @@ from dataclasses import fields
 
 from benchmarks.conditions import machine
 from benchmarks.jobs.fit_job import TEST_EXAMPLES
+from benchmarks.markdown import markdown_table
 from benchmarks.study.run import StudyOutcome
 from benchmarks.study.settings import StudySettings
 from benchmarks.study.summary import (
@@ -61,7 +62,7 @@ def command(settings: StudySettings) -> str:
         for entry in fields(settings)
         if getattr(settings, entry.name) != getattr(standard, entry.name)
     ]
-    return " ".join(["annik study", *options])
+    return " ".join(["./run study", *options])
 
 
 def _typed(value: tuple[object, ...] | int) -> str:
@@ -70,7 +71,7 @@ def _typed(value: tuple[object, ...] | int) -> str:
 
 def _introduction(settings: StudySettings, in_docs: bool) -> str:
     training = "[training.md](training.md)" if in_docs else "docs/training.md"
-    ways = _table(
+    ways = markdown_table(
         ("training", "what it is"),
         [(f"`{name}`", TRAINING_MEANINGS[name]) for name in settings.training],
     )
@@ -101,7 +102,7 @@ def _best_table(rows: Sequence[SummaryRow], budgets: Sequence[int]) -> str:
     """For each number of examples, the combination with the least median error."""
     unit = _bracketed(rows[0].unit)
     best = {budget: best_within(rows, budget) for budget in sorted(budgets)}
-    return _table(
+    return markdown_table(
         (
             "examples, at most",
             "design",
@@ -166,7 +167,7 @@ def _all_table(rows: Sequence[SummaryRow], most: int) -> str:
             )
         )
     unit = _bracketed(rows[0].unit)
-    table = _table(
+    table = markdown_table(
         ("design", "examples", *(f"`{training}`{unit}" for training in trainings)), lines
     )
     return f"Median rms error of each design at its largest number up to {most}:\n\n{table}"
@@ -216,8 +217,3 @@ def _with_range(spread: Spread) -> str:
 
 def _bracketed(unit: str) -> str:
     return f" [{unit}]" if unit else ""
-
-
-def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    everything = (header, ("---",) * len(header), *lines)
-    return "\n".join("| " + " | ".join(line) + " |" for line in everything)

@@ -17,7 +17,6 @@ from support.processes import PATIENCE
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.cli.commands import cli
 from annik_training.designs.sampling import compute_dataset
 from annik_training.evaluation import evaluate
 from annik_training.export import export_model
@@ -26,7 +25,7 @@ from annik_training.fitting.options import FitOptions
 from annik_training.train import evaluation_dataset
 from benchmarks.ik import throughput
 from benchmarks.ik.annik import NETWORK, REFINED, our_solvers
-from benchmarks.ik.command import NoModelForBench
+from benchmarks.ik.command import NoModelForBench, ik
 from benchmarks.ik.conditions import Conditions
 from benchmarks.ik.measure import TargetResult, measure_targets
 from benchmarks.ik.measure_alone import AloneResult, measure_alone
@@ -509,9 +508,9 @@ def test_command_writes_page_and_data(model, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(throughput, "SECONDS", 1e-3)
     monkeypatch.setattr(throughput, "SIZES", (1, 8))
     out, docs = tmp_path / "out", tmp_path / "docs"
-    arguments = ["bench", "ik", "--model", str(model), "--out", str(out), "--docs", str(docs)]
+    arguments = ["--model", str(model), "--out", str(out), "--docs", str(docs)]
     amounts = ["--targets", "5", "--paths", "2", "--points", "5"]
-    result = CliRunner().invoke(cli, [*arguments, *amounts], catch_exceptions=False)
+    result = CliRunner().invoke(ik, [*arguments, *amounts], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     assert "Steady" in result.output
     assert "skipped Other: not installed" in result.output
@@ -528,8 +527,8 @@ def test_command_writes_page_and_data(model, tmp_path, monkeypatch) -> None:
 
 def test_faults_of_the_command_are_typed(model, tmp_path, monkeypatch) -> None:
     def fault(*arguments: object) -> BaseException:
-        command = ["bench", "ik", "--out", str(tmp_path), *map(str, arguments)]
-        return CliRunner().invoke(cli, command).exception
+        command = ["--out", str(tmp_path), *map(str, arguments)]
+        return CliRunner().invoke(ik, command).exception
 
     monkeypatch.setattr("benchmarks.ik.command.share_directory", lambda: tmp_path)
     missing = fault()

@@ -14,6 +14,8 @@ from support.processes import PATIENCE, is_group_gone, wait_until
 
 from benchmarks.jobs.job_runner import WorkerEnded, run_jobs
 
+ROOT = Path(__file__).resolve().parents[2]
+
 #: Runs jobs that take long and say which process they are in.
 PROGRAM = """
 import sys, time
@@ -63,7 +65,10 @@ def test_workers_end_with_a_program_that_is_killed(tmp_path: Path):
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     process = subprocess.Popen(
-        [sys.executable, program], start_new_session=True, stderr=subprocess.DEVNULL
+        [sys.executable, program],
+        start_new_session=True,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     try:
         wait_until(lambda: len(list(tmp_path.glob("worker_*"))) >= 2, "both workers")

@@ -23,11 +23,11 @@ from support.processes import PATIENCE, is_group_gone, wait_until
 from annik_core.errors import DamagedRecord, InUse, NotWritable
 from annik_core.installation import share_directory
 from annik_core.robots.errors import UnknownRobot
-from annik_training.cli.commands import cli
 from annik_training.designs.errors import UnknownDesign, UnsupportedRobotForDesign
 from annik_training.designs.registry import DESIGNS, make_design
 from annik_training.evaluation import ErrorSummary
 from benchmarks.jobs.fit_job import FitOutcome
+from benchmarks.study import command as study_command
 from benchmarks.study import job as study_job
 from benchmarks.study.errors import (
     InvalidStudySetting,
@@ -49,6 +49,7 @@ from benchmarks.study.summary import (
 from benchmarks.study.training_options import TRAINING_MEANINGS, TRAINING_OPTIONS
 from benchmarks.systems.library import load_system
 
+ROOT = Path(__file__).resolve().parents[2]
 TINY = StudySettings(
     systems=("elbow_arm", "gantry"),
     designs=("thirty_phase", "workspace_grid", "sobol"),
@@ -68,8 +69,8 @@ LONG_JOBS = 40
 
 
 def study(folder: Path, *options: object) -> Result:
-    arguments = ["study", "--out", folder, *options]
-    return CliRunner().invoke(cli, [str(argument) for argument in arguments])
+    arguments = ["--out", folder, *options]
+    return CliRunner().invoke(study_command.study, [str(argument) for argument in arguments])
 
 
 def lines(folder: Path) -> list[dict[str, Any]]:
@@ -176,7 +177,7 @@ def test_the_command_on_the_page_gives_its_settings(tmp_path: Path, monkeypatch)
     monkeypatch.setattr("benchmarks.study.run.run_study", run_study)
     study(tmp_path, *TINY_OPTIONS)
     assert received["settings"] == TINY
-    assert command(StudySettings()) == "annik study"
+    assert command(StudySettings()) == "./run study"
     study(tmp_path, "--quick", "--seeds", 3)
     assert received["settings"].seeds == 3
     assert received["settings"].examples == StudySettings.quick().examples
@@ -243,26 +244,27 @@ def test_results_of_other_settings_are_kept_and_not_used(copied: Path):
 # --- what happens to studies ------------------------------------------------------------------
 
 
+def long_study(folder: Path, workers: int) -> dict[str, Any]:
+    """What starts a study of some seconds as a program."""
+    arguments = ("--out", str(folder), *LONG_OPTIONS, "--workers", str(workers))
+    return {
+        "args": [sys.executable, "-m", "benchmarks.study", *arguments],
+        "cwd": ROOT,
+        # Sums are rounded otherwise where threads share them; worker processes have one each.
+        "env": {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        "text": True,
+    }
+
+
 def start(folder: Path, workers: int) -> subprocess.Popen[str]:
     """A real study in a process group of its own, which is well under way.
 
     A worker that is still loading its modules says so if a signal ends it: each must be at work.
     """
-    command_line = (
-        sys.executable,
-        "-m",
-        "annik_training.cli.commands",
-        "study",
-        "--out",
-        str(folder),
-    )
     process = subprocess.Popen(
-        [*command_line, *LONG_OPTIONS, "--workers", str(workers)],
-        # Sums are rounded otherwise where threads share them; worker processes have one each.
-        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        **long_study(folder, workers),
         stdout=subprocess.DEVNULL,
         stderr=(folder / "stderr").open("w"),
-        text=True,
         start_new_session=True,
         # A background shell that runs the tests has it ignored.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
@@ -302,9 +304,9 @@ def stopped_twice(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
         process.wait(PATIENCE)
         seen["killed_lines"] = (folder / "results.jsonl").read_bytes().count(b"\n")
 
-        last = study(folder, *LONG_OPTIONS, "--workers", 2)
-        assert last.exit_code == 0, last.output
-        seen["last_says"] = last.output
+        last = subprocess.run(**long_study(folder, 2), capture_output=True, timeout=300)
+        assert last.returncode == 0, last.stderr
+        seen["last_says"] = last.stderr
         yield seen
     finally:
         for group in groups:
@@ -339,7 +341,7 @@ def test_kill_9_loses_nothing_and_nothing_is_run_again(stopped_twice: dict[str, 
 def test_a_stopped_study_finds_what_one_that_was_not_finds(
     stopped_twice: dict[str, Any], tmp_path: Path
 ):
-    assert study(tmp_path, *LONG_OPTIONS, "--workers", 2).exit_code == 0
+    subprocess.run(**long_study(tmp_path, 2), capture_output=True, check=True, timeout=300)
     assert summary(stopped_twice["folder"]) == summary(tmp_path)
 
 

@@ -18,7 +18,7 @@ from annik_training.cli.commands import ConflictingOptions, cli, main
 from annik_training.designs.registry import DESIGNS
 from annik_training.fitting.options import FitOptions
 
-COMMANDS = ("design", "train", "evaluate", "info", "report", "study")
+COMMANDS = ("design", "train", "evaluate", "info", "report", "robot")
 #: The smallest fit that gives a model file.
 TINY = ("--hidden", "3", "--restarts", "1", "--max-evaluations", "1")
 
