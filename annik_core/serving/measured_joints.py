@@ -1,0 +1,160 @@
+"""Measured joint positions, merged by name and time from the joint states of any publisher."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from annik_core.pose import FloatArray
+
+#: Names shown in a reason; a humanoid's joint states have dozens.
+_MOST_NAMES = 8
+
+
+class JointStateFault(Enum):
+    """Why a joint state, or a position in it, can't be used."""
+
+    MALFORMED = "malformed"
+    LENGTHS = "not one position per name"
+    REPEATED = "joint named twice"
+    NOT_FINITE = "position not finite"
+
+
+class MeasuredPositions(NamedTuple):
+    """The newest usable position of every joint.
+
+    Attributes:
+        arrival: when the oldest of them arrived [s, monotonic clock].
+        joint_positions: ``(dof,)`` [rad or m].
+    """
+
+    arrival: float
+    joint_positions: FloatArray
+
+
+class MeasuredJoints:
+    """The newest usable position of each joint, however many other messages arrive.
+
+    A position counts until ``timeout`` after its arrival. A message may hold some of the joints,
+    and joints of other devices. What can't be used is counted, and changes nothing.
+
+    Attributes:
+        timeout: how long a position counts [s].
+        received: number of messages, usable or not.
+        foreign: number of messages that name none of the joints.
+        faults: number of messages with each fault.
+    """
+
+    def __init__(self, joint_names: Sequence[str], timeout: float) -> None:
+        self.timeout = timeout
+        self.received = 0
+        self.foreign = 0
+        self.faults = dict.fromkeys(JointStateFault, 0)
+        self._joint_names = tuple(joint_names)
+        self._index = {name: index for index, name in enumerate(self._joint_names)}
+        self._positions = np.full(len(self._joint_names), math.nan)
+        self._arrivals = [-math.inf] * len(self._joint_names)
+        self._foreign_names: tuple[str, ...] = ()
+        self._last_fault = ""
+
+    def update(
+        self, arrival: float, names: Sequence[str], positions: Sequence[float]
+    ) -> JointStateFault | None:
+        """Take over the positions of one message.
+
+        A message without any position, such as one of velocities alone, is ignored.
+
+        Args:
+            arrival: when it arrived [s, monotonic clock].
+            names: its joints, in any order.
+            positions: one position per name [rad or m], or none.
+
+        Returns:
+            What can't be used of it, or None.
+        """
+        self.received += 1
+        if not positions:
+            return None
+        own = [name for name in names if name in self._index]
+        if not own:
+            self.foreign += 1
+            self._foreign_names = tuple(names)
+            return None
+        if len(names) != len(positions):
+            counts = f"{len(names)} names but {len(positions)} positions"
+            return self._at_fault(JointStateFault.LENGTHS, counts)
+        if len(set(own)) != len(own):
+            repeated = sorted({name for name in own if own.count(name) > 1})
+            return self._at_fault(JointStateFault.REPEATED, f"{_listed(repeated)} named twice")
+        bad = []
+        for name, position in zip(names, positions, strict=True):
+            index = self._index.get(name)
+            if index is None:
+                continue
+            if math.isfinite(position):
+                self._positions[index] = position
+                self._arrivals[index] = arrival
+            else:
+                bad.append(f"{name} at {position}")
+        return self._at_fault(JointStateFault.NOT_FINITE, _listed(bad)) if bad else None
+
+    def malformed(self, problem: str) -> JointStateFault:
+        """Count a message whose bytes are not those of a joint state."""
+        self.received += 1
+        return self._at_fault(JointStateFault.MALFORMED, problem)
+
+    def newest(self, now: float) -> MeasuredPositions | None:
+        """The position of every joint, or None if one is unknown or older than the timeout.
+
+        Args:
+            now: time [s, monotonic clock].
+        """
+        oldest = min(self._arrivals)
+        if not now - oldest <= self.timeout:
+            return None
+        return MeasuredPositions(oldest, self._positions.copy())
+
+    def missing(self, now: float) -> str | None:
+        """Why :meth:`newest` is None, as the end of a sentence; None if it is not."""
+        if self.newest(now) is not None:
+            return None
+        if self.received == 0:
+            return "no joint states were received"
+        fault = f"; last fault: {self._last_fault}" if self._last_fault else ""
+        unknown = [
+            name
+            for name, arrival in zip(self._joint_names, self._arrivals, strict=True)
+            if math.isinf(arrival)
+        ]
+        if unknown:
+            foreign = ""
+            if self._foreign_names:
+                foreign = f" (others are named: {_listed(self._foreign_names)}{self._prefix()})"
+            return f"the joint states lack {_listed(unknown)}{foreign}{fault}"
+        age, name = max(
+            (now - arrival, name)
+            for name, arrival in zip(self._joint_names, self._arrivals, strict=True)
+        )
+        return f"{name} was measured {age:.3g} s ago, more than {self.timeout:.3g} s{fault}"
+
+    def _at_fault(self, fault: JointStateFault, problem: str) -> JointStateFault:
+        self.faults[fault] += 1
+        self._last_fault = problem
+        return fault
+
+    def _prefix(self) -> str:
+        """A hint where other names are the joints' with a prefix."""
+        for other in self._foreign_names:
+            for name in self._joint_names:
+                if other.endswith(name):
+                    return f": with the prefix {other.removesuffix(name)!r}"
+        return ""
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_MOST_NAMES])
+    return shown + (", ..." if len(names) > _MOST_NAMES else "")
