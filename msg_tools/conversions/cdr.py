@@ -23,6 +23,8 @@ _POSE_SIZE = 7 * 8
 #: Bytes that may pad the last word.
 _MOST_PADDING = 3
 _LONGEST_FRAME_ID = 1024
+#: Length and terminator of an empty text.
+_SHORTEST_TEXT = 5
 
 
 class MalformedMessage(ConversionError):
@@ -97,6 +99,76 @@ def pose_array_from_bytes(data: bytes) -> StampedPoses:
         return StampedPoses(nanoseconds, frame_id, np.empty((0, 7)))
     poses = _poses(data, order, position + 4, count, "PoseArray")
     return StampedPoses(nanoseconds, frame_id, poses)
+
+
+class JointPositions(NamedTuple):
+    """The names and positions of a JointState, unchecked.
+
+    Attributes:
+        names: joints, in the order of the message.
+        positions: as many numbers as the message has [rad or m].
+    """
+
+    names: tuple[str, ...]
+    positions: tuple[float, ...]
+
+
+def joint_positions_from_bytes(data: bytes) -> JointPositions:
+    """Read the names and positions of a ``sensor_msgs/msg/JointState``.
+
+    Raises:
+        MalformedMessage: if the bytes are not those of a JointState.
+    """
+    message_type = "JointState"
+    order = _byte_order(data, message_type)
+    position = _HEADER_SIZE + 8  # the stamp is not read
+    _, position = _text(data, order, position, message_type)
+    count, position = _count(data, order, position, message_type)
+    if count * _SHORTEST_TEXT > len(data) - position:
+        raise _too_short(message_type, data)
+    names = []
+    for _ in range(count):
+        name, position = _text(data, order, position, message_type)
+        names.append(name)
+    positions, position = _doubles(data, order, position, message_type)
+    for _ in ("velocity", "effort"):
+        _, position = _doubles(data, order, position, message_type)
+    _check_end(data, position, message_type)
+    return JointPositions(tuple(names), positions)
+
+
+def _count(data: bytes, order: str, position: int, message_type: str) -> tuple[int, int]:
+    """The length of a sequence at or after ``position``, and where its elements begin."""
+    position = _aligned(position, 4)
+    if len(data) < position + 4:
+        raise _too_short(message_type, data)
+    (count,) = struct.unpack_from(f"{order}I", data, position)
+    return count, position + 4
+
+
+def _text(data: bytes, order: str, position: int, message_type: str) -> tuple[str, int]:
+    """The text at or after ``position``, and where it ends."""
+    length, position = _count(data, order, position, message_type)
+    end = position + length
+    if length < 1 or len(data) < end or data[end - 1] != 0:
+        raise MalformedMessage(message_type, "a text in it has no end")
+    try:
+        return bytes(data[position : end - 1]).decode(), end
+    except UnicodeDecodeError as error:
+        raise MalformedMessage(message_type, "a text in it is not UTF-8") from error
+
+
+def _doubles(
+    data: bytes, order: str, position: int, message_type: str
+) -> tuple[tuple[float, ...], int]:
+    """The sequence of float64 at or after ``position``, and where it ends."""
+    count, position = _count(data, order, position, message_type)
+    if count == 0:
+        return (), position
+    position = _aligned(position, 8)
+    if len(data) < position + 8 * count:
+        raise _too_short(message_type, data)
+    return struct.unpack_from(f"{order}{count}d", data, position), position + 8 * count
 
 
 def _byte_order(data: bytes, message_type: str) -> str:
