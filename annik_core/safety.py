@@ -84,12 +84,14 @@ class IkStatus(Enum):
     )
     FIRST_COMMAND_TOO_FAR = (
         "first command too far",
-        "the first command is further than max_first_step from the measured joint positions, or "
-        "there are none and first_command is near",
+        "the first command is further than max_first_step from the measured joint positions; or "
+        "joint states are received from which they can't be taken; or there are none and "
+        "first_command is near",
     )
     TOO_FAR_FROM_MEASURED = (
         "too far from measured",
-        "the command is further than max_measured_step from the measured joint positions",
+        "the command is further than max_measured_step from the measured joint positions, or "
+        "joint states are received from which they can't be taken",
     )
     SOLVER_FAILED = "solver failed", "an unforeseen error"
 
@@ -327,19 +329,31 @@ class Candidate:
         return self._expected_errors
 
 
+class Measurement(NamedTuple):
+    """Where the robot is, as far as measured.
+
+    Attributes:
+        joint_positions: ``(dof,)`` [rad or m], or None if unknown.
+        fault: why they are unknown although joint states were received, as the end of a sentence;
+            None if none were received. With a fault, a check that needs them refuses.
+    """
+
+    joint_positions: FloatArray | None = None
+    fault: str | None = None
+
+
 class Motion(NamedTuple):
     """The motion of a running robot that a command continues.
 
     Attributes:
         safety: limits on it.
         interval: time since the previous command [s]; None: this is the first command.
-        measured: ``(dof,)`` measured joint positions [rad or m]; None: unknown, or the command is
-            for a later time.
+        measured: where the robot is; of a command for a later time nothing is known.
     """
 
     safety: CommandSafety
     interval: float | None
-    measured: FloatArray | None
+    measured: Measurement = Measurement()
 
 
 class CommandContext(NamedTuple):
@@ -519,17 +533,22 @@ def check_first_command(candidate: Candidate, context: CommandContext) -> Refusa
     motion = context.motion
     if motion is None or motion.interval is not None:
         return None
-    safety, _, measured = motion
+    safety, _, (measured, fault) = motion
     if safety.first_command is FirstCommandRule.FREE:
         return None
     if measured is None:
-        if safety.first_command is FirstCommandRule.NEAR_IF_MEASURED:
+        if fault is not None:
+            reason = f"{fault}, and the first command must be near the robot: mend joint_states"
+            remedy = "set first_command to free"
+        elif safety.first_command is FirstCommandRule.NEAR:
+            reason = (
+                "where the robot is has not been measured, and the first command must be near it: "
+                "publish joint_states"
+            )
+            remedy = "set first_command to near_if_measured"
+        else:
             return None
-        return Refusal(
-            IkStatus.FIRST_COMMAND_TOO_FAR,
-            "where the robot is has not been measured, and the first command must be near it: "
-            "publish joint_states, or set first_command to near_if_measured",
-        )
+        return Refusal(IkStatus.FIRST_COMMAND_TOO_FAR, f"{reason}, or {remedy}")
     violation = measured_violation(
         candidate.robot.joint_names, candidate.joint_positions, measured, safety.max_first_step
     )
@@ -539,12 +558,18 @@ def check_first_command(candidate: Candidate, context: CommandContext) -> Refusa
 def check_measured_step(candidate: Candidate, context: CommandContext) -> Refusal | None:
     """No joint may be sent further from its measured position than the limit."""
     motion = context.motion
-    if motion is None or motion.measured is None:
+    if motion is None or math.isinf(motion.safety.max_measured_step):
         return None
+    measured, fault = motion.measured
+    if measured is None:
+        if fault is None:
+            return None
+        reason = f"{fault}, and max_measured_step limits the distance from the robot"
+        return Refusal(IkStatus.TOO_FAR_FROM_MEASURED, reason)
     violation = measured_violation(
         candidate.robot.joint_names,
         candidate.joint_positions,
-        motion.measured,
+        measured,
         motion.safety.max_measured_step,
     )
     return None if violation is None else Refusal(IkStatus.TOO_FAR_FROM_MEASURED, violation)

@@ -1,66 +1,61 @@
-"""Measured joint positions, from the newest joint states that name all joints of the robot."""
+"""Measured joint positions of a robot, from its joint states."""
 
 from __future__ import annotations
 
 import time
-from collections import deque
-from typing import Final
 
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
-from rclpy.serialization import deserialize_message
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from annik_core.errors import AnnikError
-from annik_core.pose import FloatArray
-from msg_tools.conversions.joint_state import joint_state_to_array
+from annik_core.safety import Measurement
+from annik_core.serving.measured_joints import (
+    JointStateFault,
+    MeasuredJoints,
+    MeasuredPositions,
+)
+from msg_tools.conversions.cdr import MalformedMessage, joint_positions_from_bytes
 from msg_tools.topics import JOINT_STATES
 
-#: How many messages are kept: another publisher may send the states of a gripper in between.
-_KEPT: Final = 20
+#: As sensor data, but deep enough for a burst of many publishers.
+_JOINT_STATES_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
+)
 
 
 class MeasuredJointPositions:
-    """Keeps the newest joint states undecoded, and decodes them on request.
-
-    A robot publishes its state hundreds of times a second; few commands need it.
+    """Reads every joint state as it arrives, and merges them by name and time.
 
     Attributes:
-        timeout: older measurements are ignored [s].
+        joints: the newest positions, and the count of what can't be used.
     """
 
     def __init__(self, node: Node, joint_names: tuple[str, ...], timeout: float) -> None:
-        """Subscribe on ``node``."""
-        self.timeout = timeout
+        """Subscribe on ``node``; a position counts for ``timeout`` [s]."""
+        self.joints = MeasuredJoints(joint_names, timeout)
         self._node = node
-        self._joint_names = joint_names
-        self._kept: deque[tuple[float, bytes]] = deque(maxlen=_KEPT)
+        self._reported: set[JointStateFault] = set()
         self._subscription = node.create_subscription(
-            JointState, JOINT_STATES.name, self._on_message, qos_profile_sensor_data, raw=True
+            JointState, JOINT_STATES.name, self._on_message, _JOINT_STATES_QOS, raw=True
         )
 
-    def __call__(self) -> FloatArray | None:
-        """The joint positions ``(dof,)`` [rad or m] of the newest message with all joints.
+    def __call__(self) -> Measurement:
+        """Where the robot is now."""
+        now = time.monotonic()
+        newest = self.joints.newest(now)
+        if newest is not None:
+            return Measurement(newest.joint_positions)
+        if self.joints.received == 0:
+            return Measurement()
+        return Measurement(None, self.joints.missing(now))
 
-        None if there is none, or it is too old.
-        """
-        newest = self.newest()
-        return None if newest is None else newest[1]
-
-    def newest(self) -> tuple[float, FloatArray] | None:
-        """Time of arrival [s, monotonic] and joint positions of that message; None likewise."""
-        oldest = time.monotonic() - self.timeout
-        for arrival, data in reversed(self._kept):
-            if arrival < oldest:
-                return None
-            positions = self._read(data)
-            if positions is not None:
-                return arrival, positions
-        return None
+    def newest(self) -> MeasuredPositions | None:
+        """The newest position of every joint, or None if one is unknown or too old."""
+        return self.joints.newest(time.monotonic())
 
     @property
     def topic_name(self) -> str:
-        """The topic with its namespace, after remapping."""
+        """The resolved name of the topic."""
         return str(self._subscription.topic_name)
 
     def destroy(self) -> None:
@@ -68,12 +63,19 @@ class MeasuredJointPositions:
         self._node.destroy_subscription(self._subscription)
 
     def _on_message(self, data: bytes) -> None:
-        self._kept.append((time.monotonic(), data))
-
-    def _read(self, data: bytes) -> FloatArray | None:
+        arrival = time.monotonic()
         try:
-            message = deserialize_message(data, JointState)
-            return joint_state_to_array(message, self._joint_names)
-        except (AnnikError, RuntimeError, ValueError):
-            # Of another robot, or not a joint state; an older message may have all joints.
-            return None
+            message = joint_positions_from_bytes(data)
+        except MalformedMessage as error:
+            fault, problem = self.joints.malformed(str(error)), str(error)
+        else:
+            found = self.joints.update(arrival, message.names, message.positions)
+            if found is None:
+                return
+            fault, problem = found, self.joints.last_fault
+        if fault not in self._reported:
+            self._reported.add(fault)
+            self._node.get_logger().warning(
+                f"{self.topic_name}: a joint state can't be used ({problem}); such are counted "
+                "in /diagnostics"
+            )

@@ -16,6 +16,7 @@ from annik_core.safety import (
     CommandSafety,
     FirstCommandRule,
     IkStatus,
+    Measurement,
     Motion,
     Refusal,
     check_age,
@@ -53,7 +54,7 @@ class IkServer:
         self,
         solver: IkSolver,
         safety: CommandSafety | None = None,
-        measure: Callable[[], FloatArray | None] = lambda: None,
+        measure: Callable[[], Measurement] = Measurement,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Serve with ``solver``.
@@ -61,8 +62,7 @@ class IkServer:
         Args:
             solver: see the attribute.
             safety: see the attribute; by default :class:`CommandSafety`'s defaults.
-            measure: the joint positions ``(dof,)`` [rad or m] where the robot is now, or None if
-                unknown.
+            measure: where the robot is now.
             clock: measures time [s] and never goes back.
         """
         self.solver = solver
@@ -189,19 +189,20 @@ class IkServer:
         if refusal is not None:
             return IkResult.refused(refusal)
         try:
-            measured = None if later else self._measured(first=previous is None)
+            measured = Measurement() if later else self._measured(first=previous is None)
             if previous is None:
-                return self.solver.solve(pose, measured, Motion(self.safety, None, measured))
+                motion = Motion(self.safety, None, measured)
+                return self.solver.solve(pose, measured.joint_positions, motion)
             return self.solver.solve(pose, previous, Motion(self.safety, interval, measured))
         # Whatever it is: one bad target must not end the service of all others.
         except Exception as error:
             name = "" if isinstance(error, AnnikError) else f"{type(error).__name__}: "
             return IkResult.refused(Refusal(IkStatus.SOLVER_FAILED, f"{name}{error}"))
 
-    def _measured(self, first: bool) -> FloatArray | None:
+    def _measured(self, first: bool) -> Measurement:
         """Where the robot is, if a check or the first solution depends on it."""
         rule = self.safety.first_command
         needed = not math.isinf(self.safety.max_measured_step) or (
             first and rule is not FirstCommandRule.FREE
         )
-        return self._measure() if needed else None
+        return self._measure() if needed else Measurement()

@@ -47,6 +47,7 @@ class MeasuredJoints:
         received: number of messages, usable or not.
         foreign: number of messages that name none of the joints.
         faults: number of messages with each fault.
+        last_fault: what was wrong with the latest of them.
     """
 
     def __init__(self, joint_names: Sequence[str], timeout: float) -> None:
@@ -59,7 +60,7 @@ class MeasuredJoints:
         self._positions = np.full(len(self._joint_names), math.nan)
         self._arrivals = [-math.inf] * len(self._joint_names)
         self._foreign_names: tuple[str, ...] = ()
-        self._last_fault = ""
+        self.last_fault = ""
 
     def update(
         self, arrival: float, names: Sequence[str], positions: Sequence[float]
@@ -124,7 +125,7 @@ class MeasuredJoints:
             return None
         if self.received == 0:
             return "no joint states were received"
-        fault = f"; last fault: {self._last_fault}" if self._last_fault else ""
+        fault = f"; last fault: {self.last_fault}" if self.last_fault else ""
         unknown = [
             name
             for name, arrival in zip(self._joint_names, self._arrivals, strict=True)
@@ -143,7 +144,7 @@ class MeasuredJoints:
 
     def _at_fault(self, fault: JointStateFault, problem: str) -> JointStateFault:
         self.faults[fault] += 1
-        self._last_fault = problem
+        self.last_fault = problem
         return fault
 
     def _prefix(self) -> str:

@@ -87,7 +87,7 @@ class Serving:
         """Apply parameters that may change between two targets."""
         self.server.solver = options.solver(self.server.solver.artifact)
         self.server.safety = options.command_safety
-        self.measured.timeout = options.measurement_timeout
+        self.measured.joints.timeout = options.measurement_timeout
         self.publishers.options = options
 
     def destroy(self) -> None:

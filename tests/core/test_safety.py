@@ -23,6 +23,7 @@ from annik_core.safety import (
     CommandSafety,
     FirstCommandRule,
     IkStatus,
+    Measurement,
     Motion,
     check_age,
     check_joint_velocity,
@@ -43,10 +44,11 @@ class Bench:
     def __init__(self, safety: CommandSafety) -> None:
         self.now = 100.0
         self.measured: FloatArray | None = None
+        self.fault: str | None = None
         self.server = IkServer(
             IkSolver.from_file(default_model_path()),
             safety,
-            measure=lambda: self.measured,
+            measure=lambda: Measurement(self.measured, self.fault),
             clock=lambda: self.now,
         )
 
@@ -74,7 +76,7 @@ class TestOrder:
         candidate = Candidate(robot, POSES[0], upper + 1.0, (1.0, 1.0), converged=False)
         limits = AcceptanceLimits(1e-3, 1e-3, 1e-3, max_expected_error=1e-3)
         safety = CommandSafety(max_joint_velocity=1e-3, max_measured_step=1e-3)
-        return candidate, CommandContext(limits, upper, Motion(safety, 0.1, upper))
+        return candidate, CommandContext(limits, upper, Motion(safety, 0.1, Measurement(upper)))
 
     def test_is_that_of_the_statuses(self) -> None:
         candidate, context = self.failing()
@@ -206,6 +208,33 @@ def test_every_command_is_near_the_measured_robot_if_wanted() -> None:
     assert bench.server.solve(POSES[10]).accepted
 
 
+@pytest.mark.parametrize("rule", [FirstCommandRule.NEAR_IF_MEASURED, FirstCommandRule.NEAR])
+def test_joint_states_that_can_not_be_used_refuse_the_first_command(
+    rule: FirstCommandRule,
+) -> None:
+    """They are not taken for a robot that reports nothing."""
+    bench = Bench(CommandSafety(first_command=rule))
+    bench.fault = "the joint states lack wrist"
+    result = bench.server.solve(POSES[0])
+    assert result.status is IkStatus.FIRST_COMMAND_TOO_FAR
+    assert bench.fault in result.reason
+    bench.server.safety = CommandSafety(first_command=FirstCommandRule.FREE)
+    assert bench.server.solve(POSES[0]).accepted
+
+
+def test_joint_states_that_can_not_be_used_refuse_what_they_limit() -> None:
+    """Without them the distance from the robot can't be checked."""
+    bench = Bench(CommandSafety(max_measured_step=0.05))
+    bench.measured = bench.joint_positions(POSES[0])
+    assert bench.server.solve(POSES[0]).accepted
+    bench.measured, bench.fault = None, "the joint states are too old"
+    result = bench.server.solve(POSES[0])
+    assert result.status is IkStatus.TOO_FAR_FROM_MEASURED
+    assert bench.fault in result.reason
+    bench.fault = None
+    assert bench.server.solve(POSES[0]).accepted
+
+
 def test_a_joint_may_not_go_faster_than_its_limit() -> None:
     """By the time since the last command, which a refusal does not change."""
     bench = Bench(CommandSafety(max_joint_velocity=0.5))
@@ -238,7 +267,7 @@ def test_the_velocity_is_step_by_time(
     """For any numbers, also no time at all."""
     safety = CommandSafety(max_joint_velocity=max_joint_velocity)
     candidate = Candidate(load_robot("scara"), POSES[0], np.array([*steps, 0.0]))
-    context = CommandContext(AcceptanceLimits(), np.zeros(4), Motion(safety, interval, None))
+    context = CommandContext(AcceptanceLimits(), np.zeros(4), Motion(safety, interval))
     refusal = check_joint_velocity(candidate, context)
     assert (refusal is None) == all(abs(s) <= max_joint_velocity * interval for s in steps)
 
