@@ -334,8 +334,8 @@ class Measurement(NamedTuple):
 
     Attributes:
         joint_positions: ``(dof,)`` [rad or m], or None if unknown.
-        fault: why they are unknown although joint states were received, as the end of a sentence;
-            None if none were received. With a fault, a check that needs them refuses.
+        fault: why they are unknown although joint states arrive, as the end of a sentence; None
+            if none arrive. With a fault, a check that needs them refuses.
     """
 
     joint_positions: FloatArray | None = None

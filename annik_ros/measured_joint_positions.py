@@ -43,11 +43,9 @@ class MeasuredJointPositions:
         """Where the robot is now."""
         now = time.monotonic()
         newest = self.joints.newest(now)
-        if newest is not None:
-            return Measurement(newest.joint_positions)
-        if self.joints.received == 0:
-            return Measurement()
-        return Measurement(None, self.joints.missing(now))
+        if newest is None:
+            return Measurement(None, self.joints.missing(now))
+        return Measurement(newest.joint_positions)
 
     def newest(self) -> MeasuredPositions | None:
         """The newest position of every joint, or None if one is unknown or too old."""
@@ -67,7 +65,7 @@ class MeasuredJointPositions:
         try:
             message = joint_positions_from_bytes(data)
         except MalformedMessage as error:
-            fault, problem = self.joints.malformed(str(error)), str(error)
+            fault, problem = self.joints.malformed(arrival, str(error)), str(error)
         else:
             found = self.joints.update(arrival, message.names, message.positions)
             if found is None:

@@ -60,6 +60,7 @@ class MeasuredJoints:
         self._positions = np.full(len(self._joint_names), math.nan)
         self._arrivals = [-math.inf] * len(self._joint_names)
         self._foreign_names: tuple[str, ...] = ()
+        self._last_arrival = -math.inf
         self.last_fault = ""
 
     def update(
@@ -78,6 +79,7 @@ class MeasuredJoints:
             What can't be used of it, or None.
         """
         self.received += 1
+        self._last_arrival = arrival
         if not positions:
             return None
         own = [name for name in names if name in self._index]
@@ -103,9 +105,10 @@ class MeasuredJoints:
                 bad.append(f"{name} at {position}")
         return self._at_fault(JointStateFault.NOT_FINITE, _listed(bad)) if bad else None
 
-    def malformed(self, problem: str) -> JointStateFault:
+    def malformed(self, arrival: float, problem: str) -> JointStateFault:
         """Count a message whose bytes are not those of a joint state."""
         self.received += 1
+        self._last_arrival = arrival
         return self._at_fault(JointStateFault.MALFORMED, problem)
 
     def newest(self, now: float) -> MeasuredPositions | None:
@@ -120,11 +123,12 @@ class MeasuredJoints:
         return MeasuredPositions(oldest, self._positions.copy())
 
     def missing(self, now: float) -> str | None:
-        """Why :meth:`newest` is None, as the end of a sentence; None if it is not."""
-        if self.newest(now) is not None:
+        """Why :meth:`newest` is None although joint states arrive, as the end of a sentence.
+
+        None if it is not None, or if no message of any kind arrived within the timeout.
+        """
+        if self.newest(now) is not None or now - self._last_arrival > self.timeout:
             return None
-        if self.received == 0:
-            return "no joint states were received"
         fault = f"; last fault: {self.last_fault}" if self.last_fault else ""
         unknown = [
             name
@@ -136,10 +140,8 @@ class MeasuredJoints:
             if self._foreign_names:
                 foreign = f" (others are named: {_listed(self._foreign_names)}{self._prefix()})"
             return f"the joint states lack {_listed(unknown)}{foreign}{fault}"
-        age, name = max(
-            (now - arrival, name)
-            for name, arrival in zip(self._joint_names, self._arrivals, strict=True)
-        )
+        oldest = min(self._arrivals)
+        age, name = now - oldest, self._joint_names[self._arrivals.index(oldest)]
         return f"{name} was measured {age:.3g} s ago, more than {self.timeout:.3g} s{fault}"
 
     def _at_fault(self, fault: JointStateFault, problem: str) -> JointStateFault:

@@ -26,7 +26,7 @@ def positions(measured: MeasuredJoints, now: float) -> list[float] | None:
 
 def test_nothing_is_known_before_the_first_message(measured: MeasuredJoints) -> None:
     assert measured.newest(0.0) is None
-    assert measured.missing(0.0) is not None
+    assert measured.missing(0.0) is None
 
 
 def test_positions_are_matched_by_name(measured: MeasuredJoints) -> None:
@@ -60,6 +60,16 @@ def test_one_joint_that_is_too_old_is_enough(measured: MeasuredJoints) -> None:
     assert positions(measured, 0.5) is not None
     assert positions(measured, 0.51) is None
     assert "wrist" in str(measured.missing(0.51))
+
+
+def test_silence_of_all_is_no_fault_but_a_silent_arm_beside_a_gripper_is(
+    measured: MeasuredJoints,
+) -> None:
+    measured.update(0.0, NAMES, [1.0, 2.0, 3.0])
+    assert measured.newest(1.0) is None
+    assert measured.missing(1.0) is None
+    measured.update(1.0, ["finger"], [0.1])
+    assert "shoulder" in str(measured.missing(1.0))
 
 
 @pytest.mark.parametrize("time", [math.nan, math.inf])
