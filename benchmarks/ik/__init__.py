@@ -1,4 +1,4 @@
-"""Inverse kinematics by annik and by the solvers of others, for ``annik bench ik``.
+"""Inverse kinematics by annik and by the solvers of others, for ``./run bench ik``.
 
 What is measured, for one arm and its working joint box:
 

@@ -1,1 +1,1 @@
-"""`annik study`: error against number of examples."""
+"""`./run study`: error against number of examples."""

@@ -1,1 +1,1 @@
-"""Solvers of inverse kinematics by others, behind one interface, for 'annik bench ik'."""
+"""Solvers of inverse kinematics by others, behind one interface, for './run bench ik'."""
