@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
@@ -273,6 +273,7 @@ class CommandSafety:
 UNKNOWN = (math.nan, math.nan)
 
 
+@dataclass(eq=False, slots=True)
 class Candidate:
     """Joint positions that become a command unless a check refuses them.
 
@@ -280,38 +281,18 @@ class Candidate:
         robot: the robot that they are for.
         target: ``(7,)`` a checked pose.
         joint_positions: ``(dof,)`` [rad or m], exactly the array that is returned.
-        converged: False if the refinement ended short of the target.
-        newton_steps: refinement steps taken; 0 in network mode.
         known_residuals: the residuals, as far as computed; see :meth:`residuals`.
+        newton_steps: refinement steps taken; 0 in network mode.
+        converged: False if the refinement ended short of the target.
     """
 
-    __slots__ = (
-        "_expected_errors",
-        "converged",
-        "joint_positions",
-        "known_residuals",
-        "newton_steps",
-        "robot",
-        "target",
-    )
-
-    def __init__(
-        self,
-        robot: Robot,
-        target: FloatArray,
-        joint_positions: FloatArray,
-        residuals: tuple[float, float] = UNKNOWN,
-        newton_steps: int = 0,
-        converged: bool = True,
-    ) -> None:
-        """See the attributes."""
-        self.robot = robot
-        self.target = target
-        self.joint_positions = joint_positions
-        self.known_residuals = residuals
-        self.newton_steps = newton_steps
-        self.converged = converged
-        self._expected_errors: tuple[float, float] | None = None
+    robot: Robot
+    target: FloatArray
+    joint_positions: FloatArray
+    known_residuals: tuple[float, float] = UNKNOWN
+    newton_steps: int = 0
+    converged: bool = True
+    _expected_errors: tuple[float, float] | None = field(default=None, init=False)
 
     def residuals(self) -> tuple[float, float]:
         """Distance [m] and angle [rad] to the target, computed when a check first asks."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from xml.etree import ElementTree
 
 from annik_core.robots.definition import checked_name
@@ -105,17 +106,16 @@ def serial_chain(
         raise InvalidRobotDefinition(
             source, f"the chain has {len(path)} joints, fixed ones included, more than {MAX_CHAIN}"
         )
-    chain = [_ChainJoint.of(joint, source) for joint in path]
-    moving = [joint for joint in chain if joint.kind != "fixed"]
-    for joint in moving:
-        joint.check(source)
+    for joint in path:
+        joint.check()
+    moving = [joint for joint in path if joint.kind != "fixed"]
     if not moving:
         raise InvalidRobotDefinition(
             source, f"nothing moves between base_frame {base!r} and end_effector_frame {tip!r}"
         )
     return SerialChain(
         name=root.get("name") or "robot",
-        urdf=_written(root.get("name") or "robot", base, chain),
+        urdf=_written(root.get("name") or "robot", base, path),
         base_frame=base,
         end_effector_frame=tip,
         joint_names=tuple(joint.name for joint in moving),
@@ -128,13 +128,14 @@ def serial_chain(
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint of the URDF."""
+    """A joint of the URDF; its numbers are read only if it is part of the chain."""
 
     name: str
     kind: str
     parent: str
     child: str
     element: ElementTree.Element
+    source: str
 
     @classmethod
     def read(cls, element: ElementTree.Element, source: str) -> _Joint:
@@ -146,81 +147,89 @@ class _Joint:
             parent=_linked(element, "parent", what, source),
             child=_linked(element, "child", what, source),
             element=element,
+            source=source,
         )
 
+    @cached_property
+    def xyz(self) -> tuple[float, ...]:
+        """Position of its origin in the parent link [m]."""
+        return self._vector("origin", "xyz", (0.0, 0.0, 0.0))
 
-@dataclass(frozen=True)
-class _ChainJoint(_Joint):
-    """A joint of the chain, with its numbers; those of other joints are not read."""
+    @cached_property
+    def rpy(self) -> tuple[float, ...]:
+        """Roll, pitch, yaw of its origin [rad]."""
+        return self._vector("origin", "rpy", (0.0, 0.0, 0.0))
 
-    xyz: tuple[float, ...]
-    rpy: tuple[float, ...]
-    axis: tuple[float, ...]
-    lower: float | None
-    upper: float | None
-    mimicked: str | None
+    @cached_property
+    def axis(self) -> tuple[float, ...]:
+        """Direction in its own frame."""
+        return self._vector("axis", "xyz", (1.0, 0.0, 0.0))
 
-    @classmethod
-    def of(cls, joint: _Joint, source: str) -> _ChainJoint:
-        what, kind = f"joint {joint.name!r}", joint.kind
-        origin, axis, limit, mimic = (
-            joint.element.find(tag) for tag in ("origin", "axis", "limit", "mimic")
-        )
-        return cls(
-            name=joint.name,
-            kind=kind,
-            parent=joint.parent,
-            child=joint.child,
-            element=joint.element,
-            xyz=_vector(origin, "xyz", (0.0, 0.0, 0.0), what, source),
-            rpy=_vector(origin, "rpy", (0.0, 0.0, 0.0), what, source),
-            axis=_vector(axis, "xyz", (1.0, 0.0, 0.0), what, source),
-            # A continuous joint has no limits; some descriptions write -inf and inf.
-            lower=None if kind == "continuous" else _number(limit, "lower", what, source),
-            upper=None if kind == "continuous" else _number(limit, "upper", what, source),
-            mimicked=None if mimic is None else mimic.get("joint", "?"),
-        )
-
-    @property
+    @cached_property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit [rad or m] of a checked joint."""
+        """Lower and upper limit of a moving joint [rad or m]."""
         if self.kind == "continuous":
+            # It has no limits; some descriptions write -inf and inf.
             return -CONTINUOUS_LIMIT, CONTINUOUS_LIMIT
-        assert self.lower is not None and self.upper is not None
-        return self.lower, self.upper
+        lower, upper = self._limit("lower"), self._limit("upper")
+        if lower > upper:
+            raise self._refused(f"has the lower limit {lower} above its upper limit {upper}")
+        return lower, upper
 
-    def check(self, source: str) -> None:
-        """Refuse a moving joint that is not supported."""
-        what = f"joint {self.name!r}"
+    def check(self) -> None:
+        """Refuse a joint of the chain that is not supported, or whose numbers are no numbers."""
+        _ = self.xyz, self.rpy, self.axis
+        if self.kind == "fixed":
+            return
         if self.kind not in MOVING_TYPES:
-            raise InvalidRobotDefinition(
-                source,
-                f"{what} is {self.kind}; between the base and the end effector joints can be "
-                f"fixed, {', '.join(sorted(MOVING_TYPES))}",
+            raise self._refused(
+                f"is {self.kind}; between the base and the end effector joints can be fixed, "
+                f"{', '.join(sorted(MOVING_TYPES))}"
             )
-        if self.mimicked is not None:
-            raise InvalidRobotDefinition(
-                source,
-                f"{what} mimics joint {self.mimicked!r}: coupled joints are not supported; choose "
-                "an end_effector_frame before it, or make it fixed in a copy of the URDF",
+        mimic = self.element.find("mimic")
+        if mimic is not None:
+            raise self._refused(
+                f"mimics joint {mimic.get('joint', '?')!r}: coupled joints are not supported; "
+                "choose an end_effector_frame before it, or make it fixed in a copy of the URDF"
             )
         shortest, longest = _AXIS_LENGTHS
         if not shortest < math.hypot(*self.axis) < longest:
-            raise InvalidRobotDefinition(
-                source, f"{what} has the axis {self.axis}: not a direction"
+            raise self._refused(f"has the axis {self.axis}: not a direction")
+        _ = self.limits
+
+    def _refused(self, problem: str) -> InvalidRobotDefinition:
+        return InvalidRobotDefinition(self.source, f"joint {self.name!r} {problem}")
+
+    def _vector(self, tag: str, key: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        text = self._text(tag, key)
+        if text is None:
+            return default
+        try:
+            numbers = tuple(float(part) for part in text.split())
+        except ValueError:
+            numbers = ()
+        if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
+            raise self._refused(f"has {key} {text!r} in its <{tag}>: not three numbers")
+        return numbers
+
+    def _limit(self, key: str) -> float:
+        text = self._text("limit", key)
+        if text is None:
+            raise self._refused(
+                f"is {self.kind} and has no {key} limit: add <limit lower=... upper=.../> to it, "
+                "or make it continuous if it has none"
             )
-        if self.kind != "continuous" and (self.lower is None or self.upper is None):
-            missing = "lower" if self.lower is None else "upper"
-            raise InvalidRobotDefinition(
-                source,
-                f"{what} is {self.kind} and has no {missing} limit: add <limit lower=... "
-                "upper=.../> to it, or make it continuous if it has none",
-            )
-        lower, upper = self.limits
-        if lower > upper:
-            raise InvalidRobotDefinition(
-                source, f"{what} has the lower limit {lower} above its upper limit {upper}"
-            )
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise self._refused(f"has the {key} limit {text!r}: not a number")
+        return number
+
+    def _text(self, tag: str, key: str) -> str | None:
+        element = self.element.find(tag)
+        return None if element is None else element.get(key)
 
 
 def _parsed(urdf: str, source: str) -> ElementTree.Element:
@@ -261,38 +270,6 @@ def _linked(element: ElementTree.Element, tag: str, what: str, source: str) -> s
     if linked is None:
         raise InvalidRobotDefinition(source, f"{what} has no <{tag}>")
     return _attribute(linked, "link", f"<{tag}> of {what}", source)
-
-
-def _vector(
-    element: ElementTree.Element | None,
-    key: str,
-    default: tuple[float, ...],
-    what: str,
-    source: str,
-) -> tuple[float, ...]:
-    text = None if element is None else element.get(key)
-    if text is None:
-        return default
-    try:
-        numbers = tuple(float(part) for part in text.split())
-    except ValueError:
-        numbers = ()
-    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
-        raise InvalidRobotDefinition(source, f"{what}: {key} is {text!r}, not three numbers")
-    return numbers
-
-
-def _number(element: ElementTree.Element | None, key: str, what: str, source: str) -> float | None:
-    text = None if element is None else element.get(key)
-    if text is None:
-        return None
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise InvalidRobotDefinition(source, f"{what}: {key} limit is {text!r}, not a number")
-    return number
 
 
 def _check_unique(names: Sequence[str], what: str, source: str) -> None:
@@ -377,7 +354,7 @@ def _listed(names: Sequence[str], most: int = 12) -> str:
     return f"{listed}, ..." if len(names) > most else listed
 
 
-def _written(name: str, base: str, chain: Sequence[_ChainJoint]) -> str:
+def _written(name: str, base: str, chain: Sequence[_Joint]) -> str:
     """The chain as URDF text; ``repr`` keeps every bit of a number."""
     root = ElementTree.Element("robot", name=name)
     ElementTree.SubElement(root, "link", name=base)
