@@ -35,9 +35,9 @@ class JointCorrectedKinematics(ForwardKinematics):
     def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
         """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
         actual = self.correction.actual(joint_positions)
-        twist, jacobian, displacement = self.kinematics.linearise(actual, target)
-        derivatives = self.correction.derivatives(joint_positions)
-        return Linearisation(twist, jacobian * derivatives, displacement)
+        found = self.kinematics.linearise(actual, target)
+        found.jacobian = found.jacobian * self.correction.derivatives(joint_positions)
+        return found
 
 
 @dataclass(frozen=True, eq=False)

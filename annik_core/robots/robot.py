@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from annik_core.robots.corrections import ErrorBound
 
 
-class Linearisation(NamedTuple):
+@dataclass(eq=False, slots=True)
+class Linearisation:
     """Pose error to a target at some joint positions, and its derivative.
 
     All in the axes of the end-effector frame (body twist, body Jacobian), linear rows first. To

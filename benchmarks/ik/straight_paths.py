@@ -104,13 +104,13 @@ def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray 
         linearise = robot.forward_kinematics.linearise
         found = positions
         for _ in range(_NEWTON_STEPS):
-            twist, jacobian, _ = linearise(found, pose)
-            if np.linalg.norm(twist) <= _LEFT:
+            error = linearise(found, pose)
+            if error.distance <= _LEFT:
                 break
-            jacobian = jacobian[:, free]
+            jacobian = error.jacobian[:, free]
             damped = jacobian @ jacobian.T + _DAMPING * np.eye(6)
             found = found.copy()
-            found[free] += jacobian.T @ np.linalg.solve(damped, twist)
+            found[free] += jacobian.T @ np.linalg.solve(damped, error.twist)
         else:
             return None
         if np.abs(found - positions).max() > _LARGEST_SUBSTEP:

@@ -337,12 +337,13 @@ class TestKinematics:
         q = anywhere(arm, 3)
         one, other = kinematics.poses(q[:2])
         kept = kinematics.linearise(q[2], one)
-        copies = [array.copy() for array in kept]
+        copies = [array.copy() for array in (kept.twist, kept.jacobian, kept.displacement)]
         kinematics.linearise(q[0], other)
         kinematics.linearise(q[1], one)
         kinematics.poses(q)
         for again in (kept, kinematics.linearise(q[2], one)):
-            assert all(map(np.array_equal, again, copies))
+            found = (again.twist, again.jacobian, again.displacement)
+            assert all(map(np.array_equal, found, copies))
 
 
 class TestWorkspace:

@@ -389,8 +389,9 @@ class TestKinematics:
         kinematics = corrected(nominal, corrections).forward_kinematics
         (joint_positions,) = inside(nominal, 1, seed=5)
         target = kinematics.poses(joint_positions[np.newaxis])[0]
-        twist, jacobian, _ = kinematics.linearise(joint_positions, target)
-        assert twist == pytest.approx(np.zeros(6), abs=1e-12)
+        at_target = kinematics.linearise(joint_positions, target)
+        jacobian = at_target.jacobian
+        assert at_target.twist == pytest.approx(np.zeros(6), abs=1e-12)
         for joint in range(nominal.dof):
             move = np.zeros(nominal.dof)
             move[joint] = 1e-5
