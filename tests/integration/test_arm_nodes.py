@@ -120,7 +120,7 @@ def test_what_an_arm_can_not_reach_is_refused_with_its_reason(
         "ik_node", lambda values: values["targets refused"] == "2", "both refusals"
     )
     assert (values["refused: outside workspace"], values["refused: not converged"]) == ("1", "1")
-    assert "no solution in the working joint box was found" in values["last refusal"]
+    assert "no solution in the joint box was found" in values["last refusal"]
     assert "the arm reaches at most" in node.log
 
 
