@@ -42,3 +42,11 @@ TABLE_9: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 }
 #: How many points of the path the paper prints errors for.
 PRINTED_POINTS = 9
+
+#: What the paper's conclusions say of the position error [mm] on the whole path.
+CONCLUSIONS: Mapping[tuple[str, str], str] = {
+    ("thirty_phase", "set2"): "< 1",
+    ("thirty_phase", "set3"): "< 0.25",
+    ("known", "set2"): "< 39",
+    ("known", "set3"): "< 0.1",
+}
