@@ -19,7 +19,6 @@ from annik_core.robots.library import load_robot, packaged_robots
 from annik_training.designs.sampling import compute_dataset, compute_random_dataset
 from annik_training.fitting.options import ARM_OPTIONS
 from annik_training.train import train
-from benchmarks.answer_targets import PASSES, answers_of
 from benchmarks.command_line import (
     ROOT,
     chosen,
@@ -38,6 +37,7 @@ from benchmarks.ik.robot_problem import robot_problem
 from benchmarks.ik.straight_paths import straight_paths
 from benchmarks.ik.verification import Verifier
 from benchmarks.markdown import markdown_table
+from benchmarks.solve_targets import PASSES, solutions_of
 
 #: As ``annik train`` takes them for an arm.
 EXAMPLES = 512
@@ -113,16 +113,17 @@ def _measured(name: str, examples: int, settings: _Settings, models: Path) -> tu
     model = models / f"{name}.onnx"
     trained = train(compute_dataset(robot, "sobol", examples, seed=0), model, ARM_OPTIONS)
     unseen = compute_random_dataset(robot, robot.joint_box, settings.targets, _TARGET_SEED)
-    answers = answers_of(model, unseen.poses)
-    steps = answers.newton_steps[np.isfinite(answers.joint_positions).all(axis=1)]
+    solutions = solutions_of(model, unseen.poses)
+    steps = solutions.newton_steps[np.isfinite(solutions.joint_positions).all(axis=1)]
     verifier = Verifier(robot_problem(robot))
-    verified = verifier.verified(answers.joint_positions, unseen.poses)
+    verified = verifier.verified(solutions.joint_positions, unseen.poses)
     refined = our_solvers(load_model(model))[-1]
     followed, _ = straight_paths(
         robot, settings.paths, _POINTS, np.random.default_rng(_TARGET_SEED)
     )
     on_paths = measure_paths([refined], followed, verifier)[refined.name]
     errors = trained.evaluation.position_error
+    median, p99 = np.percentile(solutions.microseconds, [50, 99])
     return (
         name,
         f"{examples}",
@@ -131,6 +132,6 @@ def _measured(name: str, examples: int, settings: _Settings, models: Path) -> tu
         f"{100 * verified.right.mean():.2f}",
         f"{100 * verified.in_box.mean():.2f}",
         f"{np.mean(steps):.1f}, {max(steps, default=0)}",
-        f"{np.median(answers.microseconds):.0f}, {np.percentile(answers.microseconds, 99):.0f}",
+        f"{median:.0f}, {p99:.0f}",
         f"{on_paths.changing} of {on_paths.paths}",
     )

@@ -72,6 +72,15 @@ def quick_option(what: str) -> Callable[[_Command], _Command]:
     )
 
 
+def page_only_option() -> Callable[[_Command], _Command]:
+    """``--page-only``: for new words in a page whose measurements take long."""
+    return click.option(
+        "--page-only",
+        is_flag=True,
+        help="Measure nothing: write the page in the documentation anew from the data beside it.",
+    )
+
+
 def chosen(base: _Settings, options: Mapping[str, object]) -> _Settings:
     """Settings, changed by the options that were given."""
     return replace(base, **{name: value for name, value in options.items() if value is not None})

@@ -1,9 +1,9 @@
-"""annik itself as two of the solvers: the network alone, and its answer refined.
+"""annik as two of the solvers: the network alone, and its output refined.
 
-Both are :class:`ik_solver.IkSolver` as the node calls it, one target at a time and
-without the answer before, with the checks of target, workspace and joint limits that it always
-makes. The network alone does not reach the accuracy that is asked for: its residual limits are
-wide open, so that it answers all the same. Refined has the default options.
+Both are :class:`annik_core.solver.ik_solver.IkSolver` as the node calls it, one target at a time
+and without the previous solution, with its checks of target, workspace and joint limits. The
+network alone has no limit on the residual: it does not reach the tolerance. Refined has the
+default options.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ def our_solvers(artifact: Model) -> list[Peer]:
         _Annik(
             NETWORK,
             IkSolver(artifact, open_limits, SolverMode.NETWORK),
-            "the network's answer as it is, no limit on the residual",
+            "the network's output as it is, no limit on the residual",
         ),
         _Annik(
             REFINED,
             refined,
             f"tolerance {options.tolerance:g}, up to {options.max_newton_steps} steps from the "
-            "network's answer, no random restarts, limits = box",
+            "network's output, no random restarts, limits = box",
         ),
     ]

@@ -23,11 +23,13 @@ from annik_core.installation import share_directory
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from benchmarks.command_line import (
+    DOCS,
     FILE,
     chosen,
     docs_folder,
     docs_option,
     out_option,
+    page_only_option,
     quick_option,
 )
 from benchmarks.ik.page import bench_page
@@ -87,12 +89,14 @@ class NoModelForBench(AnnikError):
     help=f"Of targets and lines, apart from those of training (default {_STANDARD.seed}).",
 )
 @quick_option("Everything, roughly")
+@page_only_option()
 @out_option("bench", "page and data")
 @docs_option("page and data, in results/ there,")
 def ik(
     robot_name: str,
     model: Path | None,
     quick: bool,
+    page_only: bool,
     out: Path,
     docs: Path | None,
     **amounts: int | None,
@@ -103,6 +107,11 @@ def ik(
     others are skipped and named. `./run bench ik` installs them all, in an environment of their
     own.
     """
+    if page_only:
+        folder = (docs or DOCS) / _DOCS_FOLDER
+        results = BenchResults.from_dict(json.loads((folder / DATA).read_text("utf-8")))
+        write_files_atomically(folder, {PAGE: bench_page(results).encode()})
+        return
     settings = chosen(QUICK if quick else _STANDARD, amounts)
     standard = settings == _STANDARD and robot_name == "ur5e" and model is None
     docs = docs_folder(docs, standard=standard, quick=quick)
@@ -154,5 +163,5 @@ class _Shown:
 
 
 def _write(results: BenchResults, folder: Path) -> None:
-    data = json.dumps(results.as_plain_data(), indent=2, allow_nan=False) + "\n"
+    data = json.dumps(results.to_dict(), indent=2, allow_nan=False) + "\n"
     write_files_atomically(folder, {PAGE: bench_page(results).encode(), DATA: data.encode()})

@@ -1,8 +1,8 @@
-"""Each target to each solver in turn: what they answer, and how long that takes.
+"""Success and time of every solver on the same targets, interleaved.
 
-All targets are gone through several times, one round after another. The answers of the first time
-count. The time of a target is the median of its calls: one that the system interrupted, to run
-something else, says nothing of the solver. What the single calls took is in the data beside it.
+All targets are solved in several rounds; the solutions of the first one count. The time of a
+target is the median of its calls, so that a call that the system interrupted does not count. The
+times of the single calls are in the data.
 """
 
 from __future__ import annotations
@@ -17,11 +17,17 @@ import numpy as np
 
 from annik_core.pose import FloatArray
 from benchmarks.ik.peers.peer import Peer
-from benchmarks.ik.query import Clock, ask, balanced_order, no_garbage_collection, tidy_up
+from benchmarks.ik.query import (
+    Clock,
+    balanced_order,
+    collect_garbage,
+    no_garbage_collection,
+    timed_solve,
+)
 from benchmarks.ik.verification import Verifier
 
-#: Targets between two times that Python tidies up.
-_TIDY_EVERY = 50
+#: Targets between two collections of Python's garbage.
+_COLLECT_EVERY = 50
 
 
 @dataclass(frozen=True)
@@ -30,16 +36,16 @@ class TargetResult:
 
     Attributes:
         targets: how many there were.
-        answered: fraction that the solver itself says it solved.
-        success: fraction that it did solve, by the independent forward kinematics.
+        answered: fraction that the solver itself reports as solved.
+        success: fraction solved, by the independent forward kinematics.
         in_limits: fraction solved within the limits of the joints.
-        in_box: fraction solved within the working box, on the branch that is asked for.
-        median_us: time of the usual target [us]; of all targets, those that it failed on too.
-        p99_us: 99 of 100 targets take at most so long [us].
-        worst_us: the target that takes longest [us].
-        single_p99_us: 99 of 100 single calls take at most so long, interrupted or not [us].
+        in_box: fraction solved within the joint box, on the branch of the targets.
+        median_us: time of a target, failed ones included [us].
+        p99_us: likewise, 99th percentile [us].
+        worst_us: likewise, longest [us].
+        single_p99_us: 99th percentile of the single calls, interrupted or not [us].
         single_worst_us: the longest single call [us].
-        faults: exceptions and answers that are none, each with how often.
+        faults: exceptions and unusable return values, each with how often.
     """
 
     targets: int
@@ -56,11 +62,11 @@ class TargetResult:
 
     @property
     def p99_over_median(self) -> float:
-        """How much longer the slow targets take than the usual one."""
+        """Ratio of the slow targets to the median one."""
         return self.p99_us / self.median_us
 
-    def as_plain_data(self) -> dict[str, Any]:
-        """For JSON; the units are in the names."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; the units are in the names."""
         return {**asdict(self), "p99_over_median": self.p99_over_median}
 
 
@@ -73,64 +79,64 @@ def measure_targets(
     on_target: Callable[[int], None] = lambda done: None,
     clock: Clock = time.perf_counter_ns,
 ) -> dict[str, TargetResult]:
-    """Ask all solvers for all targets, interleaved in one run, and verify the answers.
+    """Solve all targets with all solvers, interleaved in one run, and verify the solutions.
 
-    Whatever slows the machine down for a while so slows all of them.
+    Interleaved, so that other load on the machine slows all of them.
 
     Args:
-        solvers: whom to ask; their names differ.
+        solvers: with different names.
         poses: ``(n, 7)``.
-        warm_up: ``(m, 7)``, asked first; answers and times don't count.
+        warm_up: ``(m, 7)``, solved first; solutions and times don't count.
         verifier: of the problem that the solvers were made for.
         rounds: how often to go through all targets.
-        on_target: told how many targets are done, of ``rounds * n``.
-        clock: what times are taken by [ns].
+        on_target: called with the number of finished targets, of ``rounds * n``.
+        clock: gives the time [ns].
 
     Returns:
         By the solvers' names.
     """
     dof = len(verifier.problem.joint_names)
-    answers = np.full((len(solvers), len(poses), dof), np.nan)
+    solutions = np.full((len(solvers), len(poses), dof), np.nan)
     times = np.empty((len(solvers), rounds, len(poses)))
     faults: list[Counter[str]] = [Counter() for _ in solvers]
     with no_garbage_collection():
         for pose in warm_up:
             for solver in solvers:
-                ask(solver, pose, dof)
+                timed_solve(solver, pose, dof)
         for done in range(rounds * len(poses)):
-            if done % _TIDY_EVERY == 0:
-                tidy_up()
+            if done % _COLLECT_EVERY == 0:
+                collect_garbage()
             repetition, row = divmod(done, len(poses))
-            # In another order each time, so that its calls come after different solvers.
+            # Another order each time: a solver's calls follow different solvers.
             for number in balanced_order(len(solvers), row + repetition):
-                asked = ask(solvers[number], poses[row], dof, clock)
-                times[number, repetition, row] = asked.nanoseconds
+                solved = timed_solve(solvers[number], poses[row], dof, clock)
+                times[number, repetition, row] = solved.nanoseconds
                 if repetition > 0:
                     continue
-                if asked.joint_positions is not None:
-                    answers[number, row] = asked.joint_positions
-                if asked.fault:
-                    faults[number][asked.fault] += 1
+                if solved.joint_positions is not None:
+                    solutions[number, row] = solved.joint_positions
+                if solved.fault:
+                    faults[number][solved.fault] += 1
             on_target(done + 1)
     return {
-        solver.name: _result(answers[number], times[number], poses, verifier, faults[number])
+        solver.name: _result(solutions[number], times[number], poses, verifier, faults[number])
         for number, solver in enumerate(solvers)
     }
 
 
 def _result(
-    answers: FloatArray,
+    solutions: FloatArray,
     nanoseconds: FloatArray,
     poses: FloatArray,
     verifier: Verifier,
     faults: Mapping[str, int],
 ) -> TargetResult:
-    verified = verifier.verified(answers, poses)
+    verified = verifier.verified(solutions, poses)
     microseconds = 1e-3 * np.median(nanoseconds, axis=0)
     median, p99 = np.percentile(microseconds, [50, 99])
     return TargetResult(
         targets=len(poses),
-        answered=float(np.isfinite(answers[:, 0]).mean()),
+        answered=float(np.isfinite(solutions[:, 0]).mean()),
         success=float(verified.right.mean()),
         in_limits=float(verified.in_limits.mean()),
         in_box=float(verified.in_box.mean()),

@@ -1,7 +1,7 @@
-"""How long a solver takes when nothing else runs in between: its code and data stay in the caches.
+"""Times of each solver alone, while its code and data stay in the processor's caches.
 
-In turn with ten others, each call begins with what the others left there. A node is between the
-two: it runs one solver, with the middleware in between.
+Interleaved with ten others, each call finds in the caches what the others left. A node is between
+the two: it runs one solver, and the middleware between two solves.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ import numpy as np
 
 from annik_core.pose import FloatArray
 from benchmarks.ik.peers.peer import Peer
-from benchmarks.ik.query import Clock, ask, no_garbage_collection
+from benchmarks.ik.query import Clock, no_garbage_collection, timed_solve
 
-#: Targets that a solver is asked one after the other before the next solver has its turn: so
-#: whatever slows the machine for a while slows all of them.
+#: Targets in a row by one solver; then comes the next, so that other load slows all of them.
 BLOCK = 100
 #: Calls before each block that don't count.
 _WARM_UP = 10
@@ -29,10 +28,9 @@ class AloneResult:
     """Times of single calls, interrupted or not.
 
     Attributes:
-        median_us: the usual call [us].
-        p99_us: 99 of 100 calls take at most so long [us].
-        fastest_tenth_us: one call of ten is at least as quick [us]: on a machine that is shared,
-            the nearest to an idle one.
+        median_us: of the calls [us].
+        p99_us: 99th percentile [us].
+        fastest_tenth_us: 10th percentile [us]; on a shared machine the nearest to an idle one.
     """
 
     median_us: float
@@ -41,11 +39,11 @@ class AloneResult:
 
     @property
     def p99_over_median(self) -> float:
-        """How much longer the slow calls take than the usual one."""
+        """Ratio of the slow calls to the median one."""
         return self.p99_us / self.median_us
 
-    def as_plain_data(self) -> dict[str, Any]:
-        """For JSON; the units are in the names."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; the units are in the names."""
         return {**asdict(self), "p99_over_median": self.p99_over_median}
 
 
@@ -56,14 +54,14 @@ def measure_alone(
     on_target: Callable[[int], None] = lambda done: None,
     clock: Clock = time.perf_counter_ns,
 ) -> dict[str, AloneResult]:
-    """Ask each solver for many targets in a row, block by block.
+    """Solve many targets in a row with each solver, block by block.
 
     Args:
-        solvers: whom to ask; their names differ.
+        solvers: with different names.
         poses: ``(n, 7)``.
-        dof: how many joints an answer has.
-        on_target: told how many targets are done, of ``n``.
-        clock: what times are taken by [ns].
+        dof: number of joints of a solution.
+        on_target: called with the number of finished targets, of ``n``.
+        clock: gives the time [ns].
 
     Returns:
         By the solvers' names.
@@ -74,9 +72,9 @@ def measure_alone(
             block = poses[begin : begin + BLOCK]
             for number, solver in enumerate(solvers):
                 for pose in block[:_WARM_UP]:
-                    ask(solver, pose, dof)
+                    timed_solve(solver, pose, dof)
                 for row, pose in enumerate(block, start=begin):
-                    times[number, row] = ask(solver, pose, dof, clock).nanoseconds
+                    times[number, row] = timed_solve(solver, pose, dof, clock).nanoseconds
             on_target(begin + len(block))
     return {
         solver.name: AloneResult(*(1e-3 * np.percentile(of_solver, [50, 99, 10])).tolist())

@@ -1,21 +1,20 @@
-"""Whether a solver's answers move on evenly where its targets do.
+"""Continuity of each solver's solutions along straight paths.
 
-The solvers are called as for any target, without the answer before: what is asked is whether an
-answer is a function of the pose, and a continuous one. Answers are taken as a robot would be
-commanded them, right or wrong; where there is none, the next one is compared with the last.
+The solvers are not given the previous solution: the question is whether their solution is a
+continuous function of the pose. Steps are taken between the solutions as returned, right or wrong;
+where there is none, the next one is compared with the last.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from annik_core.pose import FloatArray
 from benchmarks.ik.peers.peer import Peer
-from benchmarks.ik.query import ask, no_garbage_collection
+from benchmarks.ik.query import no_garbage_collection, timed_solve
 from benchmarks.ik.straight_paths import StraightPath
 from benchmarks.ik.verification import Verifier
 
@@ -44,10 +43,6 @@ class PathResult:
     largest_step: float
     largest_ratio: float
 
-    def as_plain_data(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class _OnePath:
@@ -66,10 +61,10 @@ def measure_paths(
     """Let all solvers follow all paths.
 
     Args:
-        solvers: whom to ask; their names differ.
+        solvers: with different names.
         paths: at least one.
         verifier: of the problem that the solvers were made for.
-        on_path: told how many paths are done.
+        on_path: called with the number of finished paths.
 
     Returns:
         By the solvers' names.
@@ -93,25 +88,25 @@ def measure_paths(
 
 
 def _one_path(solver: Peer, path: StraightPath, verifier: Verifier) -> _OnePath:
-    answers = np.full_like(path.joint_positions, np.nan)
+    solutions = np.full_like(path.joint_positions, np.nan)
     dof = len(verifier.problem.joint_names)
     for row, pose in enumerate(path.poses):
-        answer = ask(solver, pose, dof).joint_positions
-        if answer is not None:
-            answers[row] = answer
-    solved = bool(verifier.verified(answers, path.poses).right.all())
-    return _OnePath(solved, *_spread(answers, path, verifier))
+        solution = timed_solve(solver, pose, dof).joint_positions
+        if solution is not None:
+            solutions[row] = solution
+    solved = bool(verifier.verified(solutions, path.poses).right.all())
+    return _OnePath(solved, *_spread(solutions, path, verifier))
 
 
 def _spread(
-    answers: FloatArray, path: StraightPath, verifier: Verifier
+    solutions: FloatArray, path: StraightPath, verifier: Verifier
 ) -> tuple[bool, float, float]:
-    """Whether answers ``(points, dof)`` change the branch; largest step; its ratio."""
-    answered = np.flatnonzero(np.isfinite(answers[:, 0]))
-    if len(answered) < 2:
+    """Whether solutions ``(points, dof)`` change the branch; largest step; its ratio."""
+    solved = np.flatnonzero(np.isfinite(solutions[:, 0]))
+    if len(solved) < 2:
         return False, 0.0, 0.0
-    steps = verifier.steps(answers[answered[:-1]], answers[answered[1:]])
-    points = np.diff(answered)
+    steps = verifier.steps(solutions[solved[:-1]], solutions[solved[1:]])
+    points = np.diff(solved)
     usual = path.largest_step
     changes = bool((steps > points * max(FACTOR * usual, usual + MARGIN)).any())
     next_to_each_other = steps[points == 1]

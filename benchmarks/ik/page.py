@@ -34,7 +34,7 @@ def bench_page(results: BenchResults) -> str:
     parts.append(_about_targets(results))
     for table in others:
         parts += [_markdown(table), _ABOUT[table.title](results)]
-    parts += [_who(results), _skipped(results), _conditions(results), f"Made by `{typed}`."]
+    parts += [_solvers(results), _skipped(results), str(results.conditions), f"Made by `{typed}`."]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -53,11 +53,11 @@ def _introduction(results: BenchResults) -> str:
 
 def _about_targets(results: BenchResults) -> str:
     return (
-        "Success: 1e-6 m and 1e-6 rad, by a forward kinematics of its own, whatever the solver "
-        "says. In box: solved within the working joint box, from which the targets come; this is "
-        "the branch that is asked for. Whole turns of a joint are taken off first. The time of a "
+        "Success: 1e-6 m and 1e-6 rad, by an independent forward kinematics; what the solver "
+        "reports is ignored. In box: solved within the joint box, from which the targets come: on "
+        "their branch. Whole turns of a joint are taken off first. The time of a "
         f"target is the median of {results.settings.rounds} calls, one in each of as many "
-        "rounds, so that what else the machine does counts little. Solvers with a time limit "
+        "rounds, so that other load on the machine counts little. Solvers with a time limit "
         "find less on a loaded machine." + _faults(results)
     )
 
@@ -75,19 +75,19 @@ def _about_paths(results: BenchResults) -> str:
     found = next(iter(results.paths.values()))
     return (
         f"{found.paths} straight lines of {results.settings.points} points that can be followed "
-        f"inside the box without a jump ({results.lines_tried} were tried). No solver is told its "
-        "answer before. Branch changes: lines with a joint step of more than "
+        f"inside the box without a jump ({results.lines_tried} were tried). No solver is given "
+        "its previous solution. Branch changes: lines with a joint step of more than "
         f"{FACTOR:g} times the largest that is needed, and {MARGIN:g} rad more than it. "
-        "Steps are taken between the answers that a solver gives, right or wrong."
+        "Steps are taken between the solutions that a solver returns, right or wrong."
     )
 
 
 def _about_alone(_: BenchResults) -> str:
     return (
-        f"The same targets, {BLOCK} of them in a row by one solver before the next has its turn: "
-        "its code and data stay in the processor's caches; above, each call finds there what "
-        "ten others have left. A node is between the two. Single calls, interrupted or not; on a "
-        "machine that is shared the fastest tenth is the nearest to an idle one."
+        f"The same targets, {BLOCK} in a row by one solver: its code and data stay in the "
+        "processor's caches; above, each call finds there what ten other solvers left. A node is "
+        "between the two. Single calls, interrupted or not; on a shared machine the fastest tenth "
+        "is the nearest to an idle one."
     )
 
 
@@ -102,7 +102,7 @@ _ABOUT = {
 }
 
 
-def _who(results: BenchResults) -> str:
+def _solvers(results: BenchResults) -> str:
     rows = [
         [Cell(solver.name), Cell(solver.version), Cell(solver.settings)]
         for solver in results.solvers
@@ -114,17 +114,6 @@ def _skipped(results: BenchResults) -> str:
     if not results.skipped:
         return ""
     return "Skipped:\n\n" + "\n".join(f"- {name}: {reason}" for name, reason in results.skipped)
-
-
-def _conditions(results: BenchResults) -> str:
-    ran_on = results.conditions
-    libraries = ", ".join(f"{name} {version}" for name, version in ran_on.libraries.items())
-    threads = ", ".join(f"{name}={value}" for name, value in ran_on.threads.items())
-    return (
-        f"{ran_on.processor}, {ran_on.cores} cores, load {ran_on.load_before:.1f} before and "
-        f"{ran_on.load_after:.1f} after (the benchmark itself is 1), Python {ran_on.python}, "
-        f"{libraries}{', ' + threads if threads else ''}."
-    )
 
 
 def _markdown(table: BenchTable) -> str:

@@ -1,4 +1,4 @@
-"""One question to one solver, timed; whatever it does, it ends no run."""
+"""One timed call of one solver; no fault of a solver ends the run."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import numpy as np
 from annik_core.pose import FloatArray
 from benchmarks.ik.peers.peer import Peer
 
-#: Nanoseconds from anywhere.
+#: Gives the time [ns], from any origin.
 Clock = Callable[[], int]
 
 
-class Asked(NamedTuple):
-    """What came of one question.
+class TimedSolution(NamedTuple):
+    """The outcome of one call.
 
     Attributes:
-        joint_positions: ``(dof,)`` finite, or None: reported failure, nonsense, or an exception.
-        nanoseconds: how long the solver took.
-        fault: what it raised or what was wrong with the answer; empty if it only failed.
+        joint_positions: ``(dof,)`` finite, or None: reported failure, unusable, or an exception.
+        nanoseconds: duration of the call.
+        fault: the exception, or what was wrong with the returned value; empty if it only failed.
     """
 
     joint_positions: FloatArray | None
@@ -31,40 +31,44 @@ class Asked(NamedTuple):
     fault: str
 
 
-def ask(solver: Peer, pose: FloatArray, dof: int, clock: Clock = time.perf_counter_ns) -> Asked:
+def timed_solve(
+    solver: Peer, pose: FloatArray, dof: int, clock: Clock = time.perf_counter_ns
+) -> TimedSolution:
     """Let a solver solve one pose ``(7,)`` for ``dof`` joints; only its own call is timed."""
-    # Its own copy: nobody else is to see what a solver does with it.
+    # A solver may write to its argument.
     own = pose.copy()
     fault = ""
-    answer: object = None
+    returned: object = None
     begin = clock()
     try:
-        answer = solver.solve(own)
+        returned = solver.solve(own)
     except (KeyboardInterrupt, SystemExit):
         raise
-    # Panics of libraries in Rust are no Exception.
+    # A panic of a Rust library is a BaseException.
     except BaseException as error:
         fault = f"{type(error).__name__}: {error}".partition("\n")[0]
     nanoseconds = clock() - begin
-    if answer is None:
-        return Asked(None, nanoseconds, fault)
-    # A copy, because a solver may use the same memory for its next answer.
-    positions = np.array(answer, dtype=np.float64)
+    if returned is None:
+        return TimedSolution(None, nanoseconds, fault)
+    # A solver may reuse the memory.
+    positions = np.array(returned, dtype=np.float64)
     if positions.shape != (dof,) or not np.isfinite(positions).all():
-        return Asked(None, nanoseconds, f"not {dof} finite numbers: {answer}".partition("\n")[0])
-    return Asked(positions, nanoseconds, "")
+        return TimedSolution(
+            None, nanoseconds, f"not {dof} finite numbers: {returned}".partition("\n")[0]
+        )
+    return TimedSolution(positions, nanoseconds, "")
 
 
-def tidy_up() -> None:
-    """Collect the garbage of the calls so far, which is young; older objects are left alone."""
+def collect_garbage() -> None:
+    """Collect the young generations, which hold the garbage of the calls so far."""
     gc.collect(1)
 
 
 @contextmanager
 def no_garbage_collection() -> Iterator[None]:
-    """Keep Python from tidying up in the midst of a call; it does so before."""
+    """Keep Python's garbage collection out of the timed calls."""
     was_on = gc.isenabled()
-    tidy_up()
+    collect_garbage()
     gc.disable()
     try:
         yield
@@ -74,11 +78,10 @@ def no_garbage_collection() -> Iterator[None]:
 
 
 def balanced_order(count: int, turn: int) -> list[int]:
-    """The order in which solvers are asked, another one each turn.
+    """The order of the solvers in a turn, by a Williams design.
 
-    Over ``2 * count`` turns each solver is asked as often at each place, and as often right after
-    each other one (a Williams design): after a slow one the caches are cold. A plain rotation
-    would keep each behind the same one.
+    Over ``2 * count`` turns each solver has each place equally often and follows each other one
+    equally often: after a slow one the caches are cold.
     """
     row, reverse = turn % count, (turn // count) % 2
     zigzag = [(place + 1) // 2 if place % 2 else -(place // 2) for place in range(count)]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from annik_core.installation import share_directory
 from annik_core.model.artifact import Model
-from benchmarks.ik.conditions import Conditions
+from benchmarks.conditions import Conditions
 from benchmarks.ik.measure import TargetResult
 from benchmarks.ik.measure_alone import AloneResult
 from benchmarks.ik.measure_paths import PathResult
 from benchmarks.ik.peers.peer import Kind, Peer
+from benchmarks.plain_data import built
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,8 @@ class BenchResults:
         robot: its name.
         model: the model file.
         settings: how much was measured.
-        solvers: who took part, in the order of the tables.
-        skipped: each solver that did not, with the reason.
+        solvers: those that took part, in the order of the tables.
+        skipped: name of each solver that did not, and the reason.
         targets: by the solvers' names.
         alone: likewise.
         paths: likewise; empty if the robot has no such paths.
@@ -117,21 +118,22 @@ class BenchResults:
     throughput: Mapping[str, Mapping[int, float]]
     conditions: Conditions
 
-    def as_plain_data(self) -> dict[str, Any]:
-        """For JSON."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, in which some names say more."""
+        data = asdict(self)
+        rates = data.pop("throughput")
         return {
-            "robot": self.robot,
-            "model": asdict(self.model),
-            "settings": asdict(self.settings),
-            "conditions": self.conditions.as_plain_data(),
-            "solvers": [asdict(solver) for solver in self.solvers],
+            **data,
             "skipped": [{"name": name, "reason": reason} for name, reason in self.skipped],
-            "targets": {name: found.as_plain_data() for name, found in self.targets.items()},
-            "alone": {name: found.as_plain_data() for name, found in self.alone.items()},
-            "paths": {name: found.as_plain_data() for name, found in self.paths.items()},
-            "lines_tried": self.lines_tried,
-            "poses_per_second": {
-                name: {str(size): rate for size, rate in rates.items()}
-                for name, rates in self.throughput.items()
-            },
+            "targets": {name: found.to_dict() for name, found in self.targets.items()},
+            "alone": {name: found.to_dict() for name, found in self.alone.items()},
+            "poses_per_second": rates,
         }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> BenchResults:
+        """The reverse of :meth:`to_dict`."""
+        skipped = [(entry["name"], entry["reason"]) for entry in data["skipped"]]
+        content = {**data, "skipped": (), "throughput": data["poses_per_second"]}
+        results: BenchResults = built(cls, content)
+        return replace(results, skipped=skipped)

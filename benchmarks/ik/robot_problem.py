@@ -12,13 +12,11 @@ class NotAnArm(AnnikError):
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
-        super().__init__(
-            f"{robot} is not an arm: the solvers of 'bench ik' are given the URDF of a serial arm"
-        )
+        super().__init__(f"{robot} is not an arm: this benchmark needs the URDF of a serial arm")
 
 
 def robot_problem(robot: Robot) -> IkProblem:
-    """Chain, frames, limits and working box of an arm, for the solvers.
+    """Chain, frames, limits and joint box of an arm, for the solvers.
 
     Raises:
         NotAnArm: if it is none.

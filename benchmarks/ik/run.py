@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from annik_core.model.artifact import Model
+from benchmarks.conditions import Conditions, load
 from benchmarks.ik import throughput
 from benchmarks.ik.annik import our_solvers
-from benchmarks.ik.conditions import conditions, load
 from benchmarks.ik.measure import measure_targets
 from benchmarks.ik.measure_alone import measure_alone
 from benchmarks.ik.measure_paths import measure_paths
@@ -20,10 +20,11 @@ from benchmarks.ik.straight_paths import straight_paths
 from benchmarks.ik.targets import random_targets
 from benchmarks.ik.verification import Verifier
 
-#: Targets that are asked before any counts.
+#: Targets before the first that counts.
 WARM_UP = 50
+_LIBRARIES = ("numpy", "scipy", "onnxruntime", "pin")
 
-#: Told what is going on, how much of it is done, and of how much.
+#: Called with the part, how much of it is done, and of how much.
 OnProgress = Callable[[str, int, int], None]
 
 
@@ -43,7 +44,7 @@ def run_bench(artifact: Model, settings: BenchSettings, on_progress: OnProgress)
     verifier = Verifier(problem)
     peers, skipped = available_peers(problem)
     solvers = [*our_solvers(artifact), *peers]
-    # One stream for each part, so that the targets stay the same whatever the paths are.
+    # A stream for each part: the targets do not depend on the number of paths.
     for_targets, for_warm_up, for_paths, for_batches = (
         np.random.default_rng(entropy)
         for entropy in np.random.SeedSequence(settings.seed).spawn(4)
@@ -97,5 +98,5 @@ def run_bench(artifact: Model, settings: BenchSettings, on_progress: OnProgress)
         paths=on_paths,
         lines_tried=tried,
         throughput=rates,
-        conditions=conditions(load_before),
+        conditions=Conditions.now(_LIBRARIES, load_before),
     )

@@ -1,10 +1,10 @@
 """Straight lines in space, each with the joint motion that follows it without a jump.
 
-A line goes from the pose of one random configuration of the working box to that of another:
+A line goes from the pose of one random configuration of the joint box to that of another:
 positions on the straight segment, orientations turning about one axis at a constant rate. From
 the first configuration the solution is followed in small steps of Newton's method on the robot's
-own kinematics; no solver under test has a part in it. The line is kept if this solution stays in
-the box and crosses no singularity: then a jump of a solver's answers is the solver's doing.
+own kinematics, without any solver under test. The line is kept if this solution stays in the box
+and crosses no singularity: then a jump in a solver's solutions is due to the solver.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from annik_core.robots.robot import Robot
 
 #: Small steps from one point of a path to the next.
 _SUBSTEPS = 4
-#: Newton's steps for each of them, from an answer that is near.
+#: Newton's steps for each of them.
 _NEWTON_STEPS = 8
-#: What may be left of the error, in metres and radians together.
+#: Norm of the remaining twist, metres and radians together.
 _LEFT = 1e-10
 _DAMPING = 1e-12
 #: A small step that moves a joint more than this [rad or m] has lost the solution.
 _LARGEST_SUBSTEP = 0.1
-#: Lines tried for each that is wanted, before it is taken that there are no more.
+#: Most lines tried for each that is wanted.
 _TRIES = 100
 
 
@@ -56,18 +56,18 @@ def straight_paths(
     rng: np.random.Generator,
     on_path: Callable[[int], None] = lambda found: None,
 ) -> tuple[list[StraightPath], int]:
-    """Paths that can be followed without a jump inside the working box.
+    """Paths that can be followed without a jump inside the joint box.
 
     Args:
         robot: an arm.
         count: how many.
         points: on each, ends included.
         rng: what the ends are drawn from.
-        on_path: told how many are found.
+        on_path: called with the number of paths found.
 
     Returns:
-        The paths and how many lines were tried. Fewer than asked for, or none, if in
-        :data:`_TRIES` times as many tries there were no more, as on an arm of five joints.
+        The paths and how many lines were tried. Fewer than wanted, or none, if
+        :data:`_TRIES` times as many tries found no more, as on an arm of five joints.
     """
     paths: list[StraightPath] = []
     tried = 0

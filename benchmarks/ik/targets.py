@@ -1,4 +1,4 @@
-"""Random targets of which it is known that the working joint box holds a solution."""
+"""Random targets that have a solution in the joint box."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from annik_core.robots.robot import Robot
 
 
 def random_targets(robot: Robot, count: int, rng: np.random.Generator) -> FloatArray:
-    """Poses ``(count, 7)`` of random configurations; the configurations are not given out."""
+    """Poses ``(count, 7)`` of random configurations; of the joint box."""
     return robot.forward_kinematics.poses(robot.joint_box.sample(count, rng))

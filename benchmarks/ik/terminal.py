@@ -11,7 +11,7 @@ from benchmarks.ik.tables import bench_tables
 
 
 def print_results(results: BenchResults, console: Console) -> None:
-    """All tables, the best cells in bold, then who did not take part."""
+    """All tables, the best cells in bold, then the solvers that did not take part."""
     for bench_table in bench_tables(results):
         # Escaped, as a unit in brackets is markup to rich.
         table = Table(title=bench_table.title, title_justify="left")

@@ -1,7 +1,7 @@
 """Poses per second, in batches.
 
-annik takes a batch in one call of ``solve_batch``. The others have no such call, or none of their
-Python package: they are asked for one pose after another in a loop.
+annik takes a batch in one call of ``solve_batch``. The Python packages of the others have no such
+call: they solve one pose after another in a loop.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from benchmarks.ik.query import no_garbage_collection
 
 #: Poses in a batch.
 SIZES = (1, 64, 4096)
-#: How often all solvers take their turn; the median counts.
+#: Rounds over all solvers; the median counts.
 _ROUNDS = 3
-#: One turn repeats its batch, or ends its loop within one, after so long [s].
+#: Duration of a turn [s]: batches are repeated, a loop may end within one.
 SECONDS = 0.2
 
 
@@ -34,11 +34,11 @@ def measure_throughput(
     """Poses per second of each solver for each size of batch.
 
     Args:
-        solvers: whom to ask; their names differ.
+        solvers: with different names.
         poses: ``(n, 7)``, n not below the largest size.
         sizes: of the batches.
         seconds: how long a turn takes; longer only where one batch in one call does.
-        on_turn: told how many turns are done, of :func:`turns`.
+        on_turn: called with the number of finished turns, of :func:`turns`.
 
     Returns:
         By the solvers' names, then by the size.
@@ -91,6 +91,6 @@ def _solve(solver: Peer, pose: FloatArray) -> None:
         solver.solve(pose)
     except (KeyboardInterrupt, SystemExit):
         raise
-    # Its faults are counted where its answers are; panics of libraries in Rust are no Exception.
+    # Faults are counted on the targets; a panic of a Rust library is a BaseException.
     except BaseException:
         pass

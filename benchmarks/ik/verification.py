@@ -1,8 +1,7 @@
-"""Whether an answer is right, by a forward kinematics that no solver under test uses.
+"""Verification of solutions by a forward kinematics that no solver under test uses.
 
 :class:`benchmarks.ik.peers.serial_chain.SerialChain` reads the URDF itself and multiplies
-matrices in NumPy: neither Pinocchio, which annik refines with, nor any library of the peers has a
-part in it. What a solver says of its own success counts for nothing.
+matrices in NumPy, without Pinocchio, which annik refines with, and without the peers' libraries.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from benchmarks.ik.peers.closed_form import TURN
 from benchmarks.ik.peers.problem import IkProblem
 from benchmarks.ik.peers.serial_chain import SerialChain
 
-#: Right: at most so far from the target [m].
+#: Largest position error of a right solution [m].
 POSITION_TOLERANCE = 1e-6
-#: And at most so far from its orientation [rad].
+#: Largest orientation error of a right solution [rad].
 ORIENTATION_TOLERANCE = 1e-6
-#: How far beyond a bound still counts as inside, for rounding [rad or m].
+#: Tolerance of the bounds, for rounding [rad or m].
 EDGE = 1e-9
 
 Flags = NDArray[np.bool_]
@@ -31,12 +30,12 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """What answers to targets turned out to be, one entry ``(n,)`` per target.
+    """Verified solutions, one entry ``(n,)`` per target.
 
     Attributes:
         right: within both tolerances of the target.
         in_limits: right, and within the limits of the robot's joints.
-        in_box: right, and within the working box.
+        in_box: right, and within the joint box.
     """
 
     right: Flags
@@ -46,7 +45,7 @@ class Verified:
 
 @dataclass(frozen=True, eq=False)
 class Verifier:
-    """Checks answers to one problem.
+    """Checks solutions of one problem.
 
     Attributes:
         problem: with the URDF, the limits and the box.
@@ -55,10 +54,10 @@ class Verifier:
     problem: IkProblem
 
     def verified(self, joint_positions: FloatArray, poses: FloatArray) -> Verified:
-        """Check answers ``(n, dof)``, NaN where there is none, to targets ``(n, 7)``.
+        """Check solutions ``(n, dof)``, NaN where there is none, of targets ``(n, 7)``.
 
-        An angle that is a whole turn away is the same place: whole turns are taken off before the
-        bounds are looked at, for all solvers, as some know no limits.
+        Whole turns are taken off before the bounds are checked, for all solvers, as some know no
+        limits.
         """
         position, orientation = self.errors(joint_positions, poses)
         # NaN compares as wrong.
@@ -74,7 +73,7 @@ class Verifier:
     def errors(
         self, joint_positions: FloatArray, poses: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Distances [m] and angles [rad], each ``(n,)``, of answers from targets."""
+        """Distances [m] and angles [rad], each ``(n,)``, of solutions from targets."""
         reached = self._chain.tip_placements(joint_positions)
         wanted = Rotation.from_quat(poses[:, 3:]).as_matrix()
         distance: FloatArray = np.linalg.norm(reached[:, :3, 3] - poses[:, :3], axis=1)
@@ -89,7 +88,7 @@ class Verifier:
         return joint_positions - np.where(self.turning, turns, 0.0)
 
     def steps(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Largest joint step ``(n,)`` between answers ``(n, dof)``, without whole turns."""
+        """Largest joint step ``(n,)`` between solutions ``(n, dof)``, without whole turns."""
         differences = after - before
         turns = np.round(differences / TURN) * TURN
         largest: FloatArray = np.abs(differences - np.where(self.turning, turns, 0.0)).max(axis=1)

@@ -45,7 +45,7 @@ class FitJob:
     options: FitOptions
     seed: int
 
-    def as_plain_data(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For a file."""
         return {**asdict(self), "options": self.options.as_plain_data()}
 

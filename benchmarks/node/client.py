@@ -1,4 +1,4 @@
-"""The client: sends targets as bytes and notes when commands arrive, as lean as can be."""
+"""A lean client: sends targets as bytes and notes when commands arrive."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from annik_ros.qos import reliable
 from annik_ros.run_node import make_executor
 from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, TARGET_POSE
 
-#: How long a node may take to answer before it counts as silent [s].
-ANSWER_TIMEOUT = 1.0
-#: No answer may be lost on the way to the client.
+#: Longest wait for a command [s]; then the target counts as one without a command.
+COMMAND_TIMEOUT = 1.0
+#: Depth of the queues: no command may be lost on the way to the client.
 _DEPTH = 10_000
-#: How long a node may take to its first answer [s].
+#: Longest wait for the first command of a node [s].
 CONNECT_TIMEOUT = 60.0
-#: How long one connecting target may wait before the next is sent [s].
+#: Period of the targets until the first command [s].
 _CONNECT_PERIOD = 0.05
-#: So long without an answer, and none to an earlier target is still on its way [s].
+#: Time without a command after which none is on its way any more [s].
 _QUIET = 0.25
 
 
-class NoAnswer(AnnikError):
-    """A node did not answer at all."""
+class NoCommand(AnnikError):
+    """No command of a node arrived."""
 
     def __init__(self, namespace: str, timeout: float) -> None:
         self.namespace = namespace
@@ -39,21 +39,21 @@ class NoAnswer(AnnikError):
 
 
 class Link:
-    """What the client has of one node.
+    """The client's publisher and subscriptions for one node.
 
     Attributes:
         namespace: the node's.
-        answers: how many commands arrived.
-        arrival: when the last did, by :func:`time.perf_counter` [s].
+        received: number of commands that arrived.
+        arrival: time of the last one, by :func:`time.perf_counter` [s].
         commands: their bytes, while they are kept.
         accepted_targets: likewise those of ``accepted_target``.
-        keeps: whether they are.
+        keeps: whether they are kept.
     """
 
     def __init__(self, node: Node, namespace: str) -> None:
         """Publish its targets and subscribe to its commands."""
         self.namespace = namespace
-        self.answers = 0
+        self.received = 0
         self.arrival = 0.0
         self.keeps = False
         self.commands: list[bytes] = []
@@ -73,7 +73,7 @@ class Link:
         ]
 
     def listen_to_accepted_targets(self) -> None:
-        """Keep those too, when commands are kept."""
+        """Subscribe to ``accepted_target`` too."""
         self._subscriptions.append(
             self._node.create_subscription(
                 PoseStamped,
@@ -89,14 +89,14 @@ class Link:
         self._publisher.publish(target)
 
     def destroy(self) -> None:
-        """Take it off the client."""
+        """Remove publisher and subscriptions from the client."""
         self._node.destroy_publisher(self._publisher)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
     def _on_command(self, data: bytes) -> None:
         self.arrival = time.perf_counter()
-        self.answers += 1
+        self.received += 1
         if self.keeps:
             self.commands.append(data)
 
@@ -126,15 +126,15 @@ class Client:
         return Link(self._node, namespace)
 
     def spin_once(self, timeout: float) -> None:
-        """Take what has arrived, or wait for at most ``timeout`` [s]."""
+        """Run the callbacks of what has arrived, or wait for at most ``timeout`` [s]."""
         self._executor.spin_once(timeout_sec=timeout)
 
     def spin_for(self, duration: float) -> None:
-        """Take what arrives for a while [s]."""
+        """Run the callbacks of what arrives for a while [s]."""
         self.spin_until(lambda: False, duration)
 
     def spin_until(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Whether the condition comes true, by what arrives in ``timeout`` [s]."""
+        """Whether the condition comes true within ``timeout`` [s]."""
         deadline = time.perf_counter() + timeout
         while not condition():
             left = deadline - time.perf_counter()
@@ -143,12 +143,14 @@ class Client:
             self.spin_once(min(left, 0.05))
         return True
 
-    def ask(self, link: Link, target: bytes, timeout: float = ANSWER_TIMEOUT) -> float | None:
+    def round_trip(
+        self, link: Link, target: bytes, timeout: float = COMMAND_TIMEOUT
+    ) -> float | None:
         """The round trip of one target [s], or None if no command arrives in ``timeout`` [s]."""
-        before = link.answers
+        before = link.received
         begin = time.perf_counter()
         link.send(target)
-        while link.answers == before:
+        while link.received == before:
             left = begin + timeout - time.perf_counter()
             if left <= 0:
                 return None
@@ -156,30 +158,30 @@ class Client:
         return link.arrival - begin
 
     def connect(self, link: Link, target: bytes) -> None:
-        """Ask a node until it answers, and wait for what else is on its way.
+        """Send a target until a command arrives, and wait for further ones.
 
         Raises:
-            NoAnswer: if it never does.
+            NoCommand: if none does.
         """
         self.wait_for_first(link, target, _CONNECT_PERIOD, CONNECT_TIMEOUT)
         self.quiet(link)
 
     def wait_for_first(self, link: Link, target: bytes, period: float, timeout: float) -> None:
-        """Ask a node every ``period`` [s] until it answers: everybody has met.
+        """Send a target every ``period`` [s] until a command arrives: discovery is over.
 
         Raises:
-            NoAnswer: if it does not within ``timeout`` [s].
+            NoCommand: if none does within ``timeout`` [s].
         """
         deadline = time.perf_counter() + timeout
-        while self.ask(link, target, period) is None:
+        while self.round_trip(link, target, period) is None:
             if time.perf_counter() > deadline:
-                raise NoAnswer(link.namespace, timeout)
+                raise NoCommand(link.namespace, timeout)
 
     def quiet(self, link: Link) -> None:
-        """Wait until no answer to an earlier target is on its way any more."""
+        """Wait until no command for an earlier target is on its way any more."""
         before = -1
-        while before != link.answers:
-            before = link.answers
+        while before != link.received:
+            before = link.received
             self.spin_for(_QUIET)
 
     def close(self) -> None:
@@ -190,8 +192,8 @@ class Client:
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
-    """Python's garbage collection is off."""
+def no_garbage_collection() -> Iterator[None]:
+    """Switch Python's garbage collection off."""
     gc.collect()
     gc.freeze()
     gc.disable()

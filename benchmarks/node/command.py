@@ -15,10 +15,12 @@ import click
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_ros.processes import end_all
 from benchmarks.command_line import (
+    DOCS,
     chosen,
     docs_folder,
     docs_option,
     out_option,
+    page_only_option,
     quick_option,
 )
 from benchmarks.node.page import node_bench_page
@@ -56,13 +58,21 @@ _POSITIVE = click.FloatRange(0.0, min_open=True)
     "--starts", type=click.IntRange(1), help=f"Starts of each node (default {_STANDARD.starts})."
 )
 @quick_option("Everything, roughly")
+@page_only_option()
 @out_option("bench", "page, data and logs")
 @docs_option("page and data, in results/ there,")
-def node(quick: bool, out: Path, docs: Path | None, **amounts: float | None) -> None:
+def node(
+    quick: bool, page_only: bool, out: Path, docs: Path | None, **amounts: float | None
+) -> None:
     """The node: ik_node beside one that does nothing, over ROS 2.
 
     Round trips, streams of targets, processor time, memory and start. Takes about half an hour.
     """
+    if page_only:
+        folder = (docs or DOCS) / _DOCS_FOLDER
+        results = NodeBenchResults.from_dict(json.loads((folder / DATA).read_text("utf-8")))
+        write_files_atomically(folder, {PAGE: node_bench_page(results).encode()})
+        return
     settings = chosen(QUICK if quick else _STANDARD, amounts)
     docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
     _isolate()
@@ -79,7 +89,7 @@ def node(quick: bool, out: Path, docs: Path | None, **amounts: float | None) -> 
 
 
 def _isolate() -> None:
-    """Let nobody else hear the targets and commands, and nothing slow the messages down."""
+    """Keep targets and commands to this machine and domain, and messages unchecked."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
     os.environ.pop("ROS_PYTHON_CHECK_FIELDS", None)
@@ -101,11 +111,11 @@ def _bench(settings: NodeBenchSettings, out: Path, docs: Path | None) -> None:
 
 
 def _write(results: NodeBenchResults, folder: Path) -> None:
-    data = json.dumps(results.as_plain_data(), indent=2) + "\n"
+    data = json.dumps(results.to_dict(), indent=2) + "\n"
     contents = {PAGE: node_bench_page(results).encode(), DATA: data.encode()}
     write_files_atomically(folder, contents)
 
 
 def _on_termination(signal_number: int, frame: FrameType | None) -> NoReturn:
-    # An exception, so that the processes started are ended on the way out.
+    # An exception, so that the started processes are ended on the way out.
     raise SystemExit(128 + signal_number)

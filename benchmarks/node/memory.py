@@ -1,4 +1,4 @@
-"""Memory over time: both nodes asked at 1 kHz by the same publisher."""
+"""Memory of both nodes over time, with targets at 1 kHz from the same publisher."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from annik_core.robots.library import load_robot
-from benchmarks.node.client import Client, undisturbed
+from benchmarks.node.client import Client, no_garbage_collection
 from benchmarks.node.nodes import NULL, NodeVariant
 from benchmarks.node.process_usage import resident_megabytes
 from benchmarks.node.results import MemoryResult
-from benchmarks.node.streams import begin_with_answers
+from benchmarks.node.streams import start_prelude
 from benchmarks.node.target_stream import Stream, TargetStreams
 from benchmarks.node.targets import pose_to_bytes, random_poses
 
 RATE = 1000.0
 _VARIANTS = (NodeVariant("ik_node", model="gantry"), NodeVariant(NULL))
 _TOPIC = "/memory/target_pose"
-#: How many different targets there are.
+#: Number of different targets.
 _TARGETS = 20_000
-#: How often the memory is looked at.
+#: Number of samples of the memory.
 _SAMPLES = 120
 
 
@@ -39,13 +39,13 @@ def measure_memory(
     Args:
         client: takes the commands.
         streams: publishes the targets.
-        warm_up: how long both are asked before it counts [s].
-        minutes: how long it is watched [min].
+        warm_up: time before the first sample [s].
+        minutes: time from there to the last sample [min].
         logs: existing folder for what the nodes print.
         rng: draws the targets.
 
     Raises:
-        NoAnswer: if a node never answers.
+        NoCommand: if no command of a node arrives.
     """
     poses = random_poses(load_robot("gantry"), _TARGETS, rng)
     targets = [pose_to_bytes(pose) for pose in poses]
@@ -58,13 +58,11 @@ def measure_memory(
             stack.enter_context(variant.start(link.namespace, logs, _TOPIC))
             for variant, link in zip(_VARIANTS, links, strict=True)
         ]
-        begin_with_answers(
-            client, streams, Stream(_TOPIC, RATE, count, targets, targets[0]), links
-        )
-        stack.enter_context(undisturbed())
+        start_prelude(client, streams, Stream(_TOPIC, RATE, count, targets, targets[0]), links)
+        stack.enter_context(no_garbage_collection())
         streams.go()
         client.spin_for(warm_up)
-        before = [link.answers for link in links]
+        before = [link.received for link in links]
         samples = [[resident_megabytes(process.pid)] for process in processes]
         while not streams.ended:
             client.spin_for(60.0 * minutes / _SAMPLES)
@@ -74,14 +72,14 @@ def measure_memory(
         for link in links:
             client.quiet(link)
         return [
-            _result(variant, minutes, link.answers - answers, found)
-            for variant, link, answers, found in zip(
+            _result(variant, minutes, link.received - earlier, found)
+            for variant, link, earlier, found in zip(
                 _VARIANTS, links, before, samples, strict=True
             )
         ]
 
 
 def _result(
-    variant: NodeVariant, minutes: float, answers: int, samples: Sequence[float]
+    variant: NodeVariant, minutes: float, commands: int, samples: Sequence[float]
 ) -> MemoryResult:
-    return MemoryResult(variant.name, minutes, answers, samples[0], samples[-1], max(samples))
+    return MemoryResult(variant.name, minutes, commands, samples[0], samples[-1], max(samples))

@@ -20,10 +20,10 @@ class NodeVariant:
 
     Attributes:
         program: ``ik_node`` or ``null_node``.
-        executor: what calls it back.
+        executor: the one of rclpy that it uses.
         model: of an ``ik_node``: the packaged model; empty for the null node.
-        queue_depth: how many targets may wait.
-        marked: of a null node: whether its answers say to what they are one.
+        queue_depth: number of targets that may wait.
+        marked: of a null node: whether its commands say to which target they belong.
     """
 
     program: str
@@ -48,7 +48,7 @@ class NodeVariant:
         Args:
             namespace: for all its topics, such as ``/null_1``.
             logs: existing folder for what it prints.
-            remapped: where its targets come from, if not from the topic in its namespace.
+            remapped: topic of its targets, if not the one in its namespace.
         """
         parameters = {"executor": self.executor, "queue_depth": str(self.queue_depth)}
         if self.model:

@@ -1,4 +1,4 @@
-"""A node that answers every target with the same joint positions: what ROS 2 alone takes."""
+"""A node that publishes the same command for every target: the cost of ROS 2 alone."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ NODE_NAME = "null_node"
 _JOINTS = 6
 
 
-class NullNode(Node):
+class NullNode(Node):  # type: ignore[misc,unused-ignore]
     """Plain rclpy: takes a message, publishes a message.
 
     Its parameters: ``executor`` and ``queue_depth`` as those of ``ik_node``; ``marked``: whether
-    an answer says when it was made, by its stamp, and to what, by the target's x in the place of
-    the first joint position.
+    the stamp of a command is the time at which it was made, and its first joint position the x of
+    its target.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class NullNode(Node):
         )
         depth = self.declare_parameter("queue_depth", 1).value
         marked = self.declare_parameter("marked", False).value
-        self._answer = JointState(
+        self._command = JointState(
             name=[f"joint_{joint}" for joint in range(1, _JOINTS + 1)], position=[0.0] * _JOINTS
         )
         self._publisher = self.create_publisher(
@@ -42,17 +42,17 @@ class NullNode(Node):
         self.create_subscription(
             Pose,
             TARGET_POSE.name,
-            self._mark_and_answer if marked else self._send,
+            self._publish_marked if marked else self._send,
             reliable(depth),
         )
 
     def _send(self, _: Pose) -> None:
-        self._publisher.publish(self._answer)
+        self._publisher.publish(self._command)
 
-    def _mark_and_answer(self, target: Pose) -> None:
-        self._answer.position[0] = target.position.x
-        self._answer.header.stamp = self.get_clock().now().to_msg()
-        self._publisher.publish(self._answer)
+    def _publish_marked(self, target: Pose) -> None:
+        self._command.position[0] = target.position.x
+        self._command.header.stamp = self.get_clock().now().to_msg()
+        self._publisher.publish(self._command)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -31,18 +31,18 @@ def node_bench_page(results: NodeBenchResults) -> str:
     settings = results.settings
     parts = [
         f"<!-- Written by {command(settings)} -->",
-        _conditions(results),
+        str(results.conditions),
         "#### Round trip",
         *(part for in_a_row in settings.in_a_row for part in _round_trip_parts(results, in_a_row)),
         f"#### Streams\n\n{_streams(results)}",
         f"{settings.stream_seconds:g} s each; ik_node is the gantry's, and both nodes have the "
-        "events executor. Age: of the answered targets, when their command was stamped.",
+        "events executor. Age: of the targets with a command, when it was stamped.",
         f"#### Memory\n\n{_memory(results)}",
         f"Resident set at 1 kHz, after {settings.warm_up_seconds:g} s of it, both nodes at once; "
         "1 MB is 1e6 bytes.",
         f"#### Start\n\n{_starts(results)}",
         "From the start of the process to the first command, with the events executor. Of that, "
-        "the middleware's discovery takes from nothing to some seconds, whatever the node does.",
+        "the middleware's discovery takes between nothing and some seconds, for any node.",
     ]
     if results.skipped:
         parts.append("Skipped: " + "; ".join(results.skipped) + ".")
@@ -51,28 +51,17 @@ def node_bench_page(results: NodeBenchResults) -> str:
 
 def _round_trip_parts(results: NodeBenchResults, in_a_row: int) -> tuple[str, str]:
     busy = (
-        f"{in_a_row} in a row before the next node has its turn: each is as busy as a controller "
+        f"{in_a_row} in a row before those of the next node: each is as busy as a controller "
         "keeps it"
         if in_a_row > 1
-        else "a target of another node between any two: each finds the processor's caches as the "
-        "others have left them"
+        else "targets of the other nodes between any two: each node finds the processor's caches "
+        "as the others left them"
     )
     chosen = [result for result in results.round_trips if result.in_a_row == in_a_row]
     return (
         f"{results.settings.rounds} targets for each node, one at a time, {busy}. From the "
         "client's publisher to the client's callback; processor time is the node's own.",
         _round_trips(chosen),
-    )
-
-
-def _conditions(results: NodeBenchResults) -> str:
-    ran_on = results.conditions
-    versions = "".join(f", {name} {version}" for name, version in ran_on.libraries.items())
-    governor = f", governor {ran_on.governor}" if ran_on.governor else ""
-    return (
-        f"{ran_on.processor}, {ran_on.cores} cores{governor}, load {ran_on.load_before:.1f} "
-        f"before and {ran_on.load_after:.1f} at the end of the benchmark, which is a load itself; "
-        f"Python {ran_on.python}, {ran_on.middleware}{versions}."
     )
 
 
@@ -102,7 +91,7 @@ def _round_trips(results: Sequence[RoundTripResult]) -> str:
         "p99 / null node's, same executor",
         "p50 / null node's, single_threaded",
         "CPU per message [us]",
-        "unanswered",
+        "without a command",
     )
     return markdown_table(header, rows, len(header) - 2)
 
@@ -130,8 +119,8 @@ def _streams(results: NodeBenchResults) -> str:
         "queue_depth",
         "rate reached [1/s]",
         "sent",
-        "answered",
-        "answered [%]",
+        "with a command",
+        "with a command [%]",
         "age p50 [ms]",
         "age p99 [ms]",
         "age max [ms]",

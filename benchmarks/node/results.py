@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.conditions import processor
+from benchmarks.conditions import Conditions
 from benchmarks.node.settings import NodeBenchSettings
-
-_LIBRARIES = ("rclpy", "numpy", "onnxruntime", "pin")
+from benchmarks.plain_data import built
 
 
 @dataclass(frozen=True)
@@ -47,12 +43,12 @@ class RoundTripResult:
 
     Attributes:
         node: its name.
-        executor: what calls it back.
-        in_a_row: how often it was asked before it was the next one's turn.
+        executor: the one of rclpy that it uses.
+        in_a_row: targets in a row before those of the next node.
         time: of its round trips [us].
-        cpu: its processor time for a message [us].
-        asked: how often it was asked.
-        unanswered: how often it did not answer in time.
+        cpu: its processor time per message [us].
+        asked: number of targets.
+        unanswered: of those without a command in time.
     """
 
     node: str
@@ -66,16 +62,16 @@ class RoundTripResult:
 
 @dataclass(frozen=True)
 class StreamResult:
-    """One node, asked at a rate.
+    """Targets at a rate for one node.
 
     Attributes:
         node: its name.
-        queue_depth: how many targets may wait.
-        rate: that was asked for [1/s].
+        queue_depth: number of targets that may wait.
+        rate: wanted [1/s].
         reached_rate: at which the targets were really published [1/s].
-        sent: how many targets.
-        answered: how many of them have a command that arrived.
-        age: of the answered targets when their commands were made [ms].
+        sent: number of targets.
+        answered: number of those whose command arrived.
+        age: of these, when their commands were made [ms].
         cpu: processor time of the node by time [%], of one core.
     """
 
@@ -95,8 +91,8 @@ class MemoryResult:
 
     Attributes:
         node: its name.
-        minutes: how long it was watched [min].
-        answers: how many commands came meanwhile.
+        minutes: time between the first and the last sample [min].
+        answers: number of commands in this time.
         begin: after the warm-up [MB], 1 MB being 1e6 bytes.
         end: at the end [MB].
         largest: in between [MB].
@@ -130,31 +126,6 @@ class StartResult:
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """What it ran on.
-
-    Attributes:
-        processor: its name.
-        cores: as the system counts them.
-        governor: of the first core's frequency; empty if nobody says.
-        python: its version.
-        middleware: ROS 2's.
-        libraries: versions by name.
-        load_before: the system's load of the minute before.
-        load_after: of the minute before the end.
-    """
-
-    processor: str
-    cores: int
-    governor: str
-    python: str
-    middleware: str
-    libraries: dict[str, str]
-    load_before: float
-    load_after: float
-
-
-@dataclass(frozen=True)
 class NodeBenchResults:
     """All of it.
 
@@ -176,35 +147,12 @@ class NodeBenchResults:
     starts: Sequence[StartResult]
     skipped: Sequence[str] = ()
 
-    def as_plain_data(self) -> dict[str, Any]:
-        """For JSON."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
         return asdict(self)
 
-
-def conditions(load_before: float, middleware: str) -> Conditions:
-    """What this runs on; the load of now is the one after."""
-    libraries = {}
-    for name in _LIBRARIES:
-        try:
-            libraries[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return Conditions(
-        processor=processor(),
-        cores=os.cpu_count() or 1,
-        governor=_governor(),
-        python=platform.python_version(),
-        middleware=middleware,
-        libraries=libraries,
-        load_before=load_before,
-        load_after=os.getloadavg()[0],
-    )
-
-
-def _governor() -> str:
-    path = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"
-    try:
-        with open(path, encoding="ascii") as file:
-            return file.read().strip()
-    except OSError:
-        return ""
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> NodeBenchResults:
+        """The reverse of :meth:`to_dict`."""
+        results: NodeBenchResults = built(cls, data)
+        return results

@@ -1,4 +1,4 @@
-"""Round trips: every node alive, each asked in its turn, one target at a time."""
+"""Round trips, one target at a time, with all nodes alive."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.node.client import Client, undisturbed
+from benchmarks.node.client import Client, no_garbage_collection
 from benchmarks.node.nodes import NodeVariant
 from benchmarks.node.process_usage import cpu_seconds
 from benchmarks.node.results import RoundTripResult, Summary
-from benchmarks.node.targets import answered_targets
+from benchmarks.node.targets import solvable_targets
 
-#: A node that has answered publishes and notes some more things; meanwhile nobody is asked [s].
+#: Pause after a command [s], in which the node finishes what it does after it.
 _PAUSE = 3e-4
-#: Rounds that do not count, of those that do: one in so many, and at least so many.
+#: The warm-up is this part of the rounds, and at least so many.
 _WARM_UP_PART, _LEAST_WARM_UP = 20, 10
 
 
@@ -29,22 +29,22 @@ def measure_round_trips(
     logs: Path,
     rng: np.random.Generator,
 ) -> list[RoundTripResult]:
-    """Ask all nodes in turn, in a new order every time.
+    """Send targets to all nodes in turn, in a new order every time.
 
     Args:
-        client: asks.
+        client: sends them.
         variants: the nodes.
-        rounds: how often each is asked.
-        in_a_row: how often before it is the next one's turn.
+        rounds: targets for each.
+        in_a_row: targets in a row before those of the next node.
         logs: existing folder for what they print.
         rng: draws targets and orders.
 
     Raises:
-        NoAnswer: if a node never answers.
+        NoCommand: if no command of a node arrives.
     """
     warm_up = max(_LEAST_WARM_UP, rounds // _WARM_UP_PART)
     models = {variant.model or "gantry" for variant in variants}
-    pools = {model: answered_targets(model, warm_up + rounds, rng) for model in sorted(models)}
+    pools = {model: solvable_targets(model, warm_up + rounds, rng) for model in sorted(models)}
     targets = [pools[variant.model or "gantry"] for variant in variants]
     times: list[list[float]] = [[] for _ in variants]
     unanswered = [0] * len(variants)
@@ -59,14 +59,14 @@ def measure_round_trips(
         ]
         for link, pool in zip(links, targets, strict=True):
             client.connect(link, pool[0])
-        stack.enter_context(undisturbed())
+        stack.enter_context(no_garbage_collection())
         used = [0.0] * len(variants)
         for turn in _turns(warm_up, rounds, in_a_row):
             if turn.start == warm_up:
                 used = [cpu_seconds(process.pid) for process in processes]
             for index in rng.permutation(len(variants)).tolist():
                 for target in targets[index][turn]:
-                    taken = client.ask(links[index], target)
+                    taken = client.round_trip(links[index], target)
                     if taken is None:
                         unanswered[index] += turn.start >= warm_up
                         client.quiet(links[index])
@@ -92,14 +92,14 @@ def measure_round_trips(
 
 
 def _turns(warm_up: int, rounds: int, in_a_row: int) -> Iterator[slice]:
-    """Which targets are sent in each turn; none has some that count and some that do not."""
+    """The targets of each turn; none has some of the warm-up and some that count."""
     for begin, end in ((0, warm_up), (warm_up, warm_up + rounds)):
         for start in range(begin, end, in_a_row):
             yield slice(start, min(start + in_a_row, end))
 
 
 def _pause() -> None:
-    """Wait without sleeping, from which a processor would have to be woken up."""
+    """Wait without sleeping: a sleeping processor wakes up slowly."""
     end = time.perf_counter() + _PAUSE
     while time.perf_counter() < end:
         pass

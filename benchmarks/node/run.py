@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from contextlib import closing
 from importlib.util import find_spec
@@ -11,20 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from annik_ros.parameters import ExecutorChoice
+from benchmarks.conditions import Conditions, load
 from benchmarks.node.client import Client
 from benchmarks.node.memory import measure_memory
 from benchmarks.node.nodes import NULL, NodeVariant
-from benchmarks.node.results import NodeBenchResults, conditions
+from benchmarks.node.results import NodeBenchResults
 from benchmarks.node.round_trip import measure_round_trips
 from benchmarks.node.settings import NodeBenchSettings
 from benchmarks.node.start_up import measure_starts
 from benchmarks.node.streams import measure_streams
 from benchmarks.node.target_stream import TargetStreams
 
-#: Told of each part when it begins.
+#: Called with the name of each part when it begins.
 OnProgress = Callable[[str], None]
 
 _SEED = 20260321
+_LIBRARIES = ("rclpy", "numpy", "onnxruntime", "pin")
 _EVENTS, _SINGLE = ExecutorChoice.EVENTS.value, ExecutorChoice.SINGLE_THREADED.value
 
 
@@ -36,14 +37,14 @@ def run_node_bench(
     Args:
         settings: how much.
         logs: existing folder for what the nodes print.
-        on_progress: told of the parts.
+        on_progress: see :data:`OnProgress`.
 
     Raises:
-        AnnikError: if a node can't be started, or never answers.
+        AnnikError: if a node can't be started, or no command of it arrives.
     """
-    load_before = os.getloadavg()[0]
+    load_before = load()
     arm = settings.arm if find_spec("pinocchio") is not None else ""
-    asked = [
+    timed = [
         NodeVariant(NULL, _SINGLE),
         NodeVariant(NULL, _EVENTS),
         NodeVariant("ik_node", _SINGLE, "gantry"),
@@ -51,7 +52,7 @@ def run_node_bench(
     ]
     started = [NodeVariant(NULL, _EVENTS), NodeVariant("ik_node", _EVENTS, "gantry")]
     if arm:
-        asked.append(NodeVariant("ik_node", _EVENTS, arm))
+        timed.append(NodeVariant("ik_node", _EVENTS, arm))
         started.append(NodeVariant("ik_node", _EVENTS, arm))
     rng = np.random.default_rng(_SEED)
     with closing(Client()) as client:
@@ -59,7 +60,7 @@ def run_node_bench(
         round_trips = [
             result
             for in_a_row in settings.in_a_row
-            for result in measure_round_trips(client, asked, settings.rounds, in_a_row, logs, rng)
+            for result in measure_round_trips(client, timed, settings.rounds, in_a_row, logs, rng)
         ]
         on_progress("starts")
         starts = measure_starts(client, started, settings.starts, logs, rng)
@@ -74,7 +75,7 @@ def run_node_bench(
             )
         return NodeBenchResults(
             settings=settings,
-            conditions=conditions(load_before, client.middleware),
+            conditions=Conditions.now(_LIBRARIES, load_before, client.middleware),
             round_trips=round_trips,
             streams=streams,
             memory=memory,

@@ -11,7 +11,7 @@ class StreamPlan:
 
     Attributes:
         rate: [1/s].
-        queue_depth: how many targets may wait at the node.
+        queue_depth: number of targets that may wait at the node.
     """
 
     rate: float
@@ -23,12 +23,12 @@ class NodeBenchSettings:
     """How much is measured; the defaults take about half an hour.
 
     Attributes:
-        rounds: how often each node is asked for its round trip, either way.
-        in_a_row: how often one node is asked before the next has its turn.
-        stream_seconds: how long each stream lasts [s].
-        memory_minutes: how long the memory is watched, after the warm-up [min].
-        starts: how often each node is started.
-        warm_up_seconds: how long both nodes are asked before their memory counts [s].
+        rounds: round trips of each node, for each of ``in_a_row``.
+        in_a_row: targets in a row before those of the next node.
+        stream_seconds: duration of each stream [s].
+        memory_minutes: time over which the memory is sampled, after the warm-up [min].
+        starts: of each node.
+        warm_up_seconds: of the memory [s].
         arm: the packaged arm that is measured beside the gantry; empty: none.
         streams: what is published.
     """

@@ -12,11 +12,11 @@ import numpy as np
 from benchmarks.node.client import CONNECT_TIMEOUT, Client
 from benchmarks.node.nodes import NodeVariant
 from benchmarks.node.results import StartResult
-from benchmarks.node.targets import answered_targets
+from benchmarks.node.targets import solvable_targets
 
-#: How often a waiting client repeats its target [s].
+#: Period at which the waiting client repeats its target [s].
 _PERIOD = 0.02
-#: For the client's endpoints to be there, and for those of the node before to be gone [s].
+#: Time for the client's endpoints to appear and for those of the node before to go [s].
 _PAUSE = 0.5
 
 
@@ -37,11 +37,11 @@ def measure_starts(
         rng: draws the target.
 
     Raises:
-        NoAnswer: if a node never answers.
+        NoCommand: if no command of a node arrives.
     """
     times: dict[NodeVariant, list[float]] = {variant: [] for variant in variants}
     target = {
-        variant: answered_targets(variant.model or "gantry", 1, rng)[0] for variant in variants
+        variant: solvable_targets(variant.model or "gantry", 1, rng)[0] for variant in variants
     }
     for number in range(starts):
         for index, variant in enumerate(variants):

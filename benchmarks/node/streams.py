@@ -1,4 +1,4 @@
-"""Streams of targets: what is answered, how old it is by then, and what that takes."""
+"""Streams of targets: how many get a command, their age by then, and the processor time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_ros.processes import ChildProcess
-from benchmarks.node.client import Client, Link, NoAnswer, undisturbed
+from benchmarks.node.client import Client, Link, NoCommand, no_garbage_collection
 from benchmarks.node.nodes import NULL, NodeVariant
 from benchmarks.node.process_usage import cpu_seconds
 from benchmarks.node.results import StreamResult, Summary
@@ -26,12 +26,12 @@ from msg_tools.conversions.cdr import pose_stamped_from_bytes
 from msg_tools.conversions.stamp import stamp_to_nanoseconds
 from msg_tools.topics import TARGET_POSE
 
-#: Answers that must have come before a stream begins.
-_PRELUDE_ANSWERS = 20
+#: Commands that must have arrived before a stream begins.
+_PRELUDE_COMMANDS = 20
 _PRELUDE_TIMEOUT = 60.0
 #: Processor time counts between these parts of a stream.
 _CPU_FROM, _CPU_TO = 0.1, 0.9
-#: How often to look whether a stream is over [s].
+#: Period at which the end of a stream is checked [s].
 _LOOK_PERIOD = 0.05
 
 
@@ -54,7 +54,7 @@ def measure_streams(
         rng: draws the targets.
 
     Raises:
-        NoAnswer: if a node never answers.
+        NoCommand: if no command of a node arrives.
     """
     most = max(int(plan.rate * seconds) for plan in plans)
     first, *poses = random_poses(load_robot("gantry"), most + 1, rng)
@@ -81,8 +81,8 @@ def measure_streams(
                 topic = f"{link.namespace}/{TARGET_POSE.name}"
                 stream = Stream(topic, plan.rate, count, targets[:count], prelude)
                 times, cpu = _streamed(client, streams, stream, link, process)
-                answers = _null_answers(link) if variant.is_null else _answers(link)
-                results.append(_result(variant, plan, times, answers, places, cpu))
+                commands = _null_commands(link) if variant.is_null else _commands(link)
+                results.append(_result(variant, plan, times, commands, places, cpu))
                 link.commands.clear()
                 link.accepted_targets.clear()
     return results
@@ -92,8 +92,8 @@ def _streamed(
     client: Client, streams: TargetStreams, stream: Stream, link: Link, process: ChildProcess
 ) -> tuple[NDArray[np.int64], float]:
     """When the targets were published [ns], and the node's share of a core [%]."""
-    begin_with_answers(client, streams, stream, [link])
-    with undisturbed():
+    start_prelude(client, streams, stream, [link])
+    with no_garbage_collection():
         link.keeps = True
         streams.go()
         begin = time.perf_counter()
@@ -104,32 +104,32 @@ def _streamed(
         used, since = cpu_seconds(process.pid) - used, time.perf_counter() - since
         while not streams.ended:
             client.spin_for(_LOOK_PERIOD)
-        # What still waits is answered too.
+        # Targets that still wait get their commands.
         client.quiet(link)
         link.keeps = False
     return streams.times(), 100.0 * used / since
 
 
-def begin_with_answers(
+def start_prelude(
     client: Client, streams: TargetStreams, stream: Stream, links: Sequence[Link]
 ) -> None:
-    """Have the prelude of a stream published until every node answers it.
+    """Have the prelude of a stream published until commands of every node arrive.
 
     Raises:
-        NoAnswer: if one never does.
+        NoCommand: if those of one do not.
     """
     streams.prepare(stream)
     for link in links:
-        wanted = link.answers + _PRELUDE_ANSWERS
-        answered = client.spin_until(
-            lambda link=link, wanted=wanted: link.answers >= wanted,  # type: ignore[misc]
+        wanted = link.received + _PRELUDE_COMMANDS
+        arrived = client.spin_until(
+            lambda link=link, wanted=wanted: link.received >= wanted,  # type: ignore[misc]
             _PRELUDE_TIMEOUT,
         )
-        if not answered:
-            raise NoAnswer(link.namespace, _PRELUDE_TIMEOUT)
+        if not arrived:
+            raise NoCommand(link.namespace, _PRELUDE_TIMEOUT)
 
 
-def _answers(link: Link) -> list[tuple[float, int]]:
+def _commands(link: Link) -> list[tuple[float, int]]:
     """The x and stamp [ns] of every target that was accepted and has a command."""
     stamps = {_stamp_of_command(data) for data in link.commands}
     accepted = (pose_stamped_from_bytes(data) for data in link.accepted_targets)
@@ -140,8 +140,8 @@ def _answers(link: Link) -> list[tuple[float, int]]:
     ]
 
 
-def _null_answers(link: Link) -> list[tuple[float, int]]:
-    """The same of a null node, whose commands say so themselves."""
+def _null_commands(link: Link) -> list[tuple[float, int]]:
+    """The same of a null node, whose commands carry both."""
     messages = (deserialize_message(data, JointState) for data in link.commands)
     return [
         (float(message.position[0]), stamp_to_nanoseconds(message.header.stamp))
@@ -158,11 +158,11 @@ def _result(
     variant: NodeVariant,
     plan: StreamPlan,
     times: NDArray[np.int64],
-    answers: Sequence[tuple[float, int]],
+    commands: Sequence[tuple[float, int]],
     places: dict[float, int],
     cpu: float,
 ) -> StreamResult:
-    ages = ages_of(times, answers, places)
+    ages = ages_of(times, commands, places)
     lasted = 1e-9 * float(times[-1] - times[0])
     return StreamResult(
         node=variant.name,
@@ -177,14 +177,14 @@ def _result(
 
 
 def ages_of(
-    times: NDArray[np.int64], answers: Sequence[tuple[float, int]], places: dict[float, int]
+    times: NDArray[np.int64], commands: Sequence[tuple[float, int]], places: dict[float, int]
 ) -> FloatArray:
-    """Ages of the answered targets when their commands were made ``(answered,)`` [s].
+    """Ages of the targets when their commands were made, one for each command [s].
 
     Args:
         times: when each target was published [ns].
-        answers: x of the target, and the stamp [ns] of its command.
-        places: which target has which x. Answers to others, such as the prelude, do not count.
+        commands: x of the target, and the stamp [ns] of its command.
+        places: index of each target by its x. Others, such as the prelude, do not count.
     """
-    stamps = {places[x]: stamp for x, stamp in answers if x in places and places[x] < len(times)}
+    stamps = {places[x]: stamp for x, stamp in commands if x in places and places[x] < len(times)}
     return np.array([1e-9 * (stamp - int(times[place])) for place, stamp in stamps.items()])

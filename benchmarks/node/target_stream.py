@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from annik_core.errors import AnnikError
 
-#: Before a stream begins, targets are sent at this rate until somebody says go [1/s].
+#: Rate of the targets before a stream begins [1/s].
 _PRELUDE_RATE = 100.0
-#: A sleep may last this much longer than asked; the rest of a wait is spent awake [s]. To be awake
-#: for longer would take the processor from those who are measured.
+#: A sleep may last this much longer; that part of a wait is spent awake [s]. A longer part would
+#: take the processor from the nodes.
 _OVERSLEPT = 5e-5
 #: Linux lengthens sleeps by up to 50 us to save power, unless told otherwise (prctl(2)) [ns].
 _PR_SET_TIMERSLACK, _TIMER_SLACK = 29, 1000
@@ -36,8 +36,8 @@ class Stream:
         topic: absolute name.
         rate: [1/s].
         count: how many targets.
-        targets: their bytes; they begin anew if there are fewer.
-        prelude: what to send until somebody says go; none of ``targets``.
+        targets: their bytes, repeated if there are fewer.
+        prelude: sent until :meth:`TargetStreams.go`; none of ``targets``.
     """
 
     topic: str
@@ -107,7 +107,7 @@ class TargetStreams:
 
 
 def _publish_all(connection: Connection[Any, Any]) -> None:
-    """What runs in the process: every stream that comes, until the other end is closed."""
+    """Publish every stream that comes, until the other end is closed; runs in the process."""
     # Here: only this process joins the domain as another participant.
     import rclpy
     from geometry_msgs.msg import Pose
@@ -115,7 +115,7 @@ def _publish_all(connection: Connection[Any, Any]) -> None:
 
     from annik_ros.qos import reliable
 
-    # Ctrl-C is the other process's to act on; it closes the connection.
+    # The parent acts on Ctrl-C: it closes the connection.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.disable()
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, _TIMER_SLACK)
@@ -151,7 +151,7 @@ def _published(publisher: Any, stream: Stream) -> NDArray[np.int64]:
         _wait_until(deadline)
         times[index] = time.time_ns()
         publisher.publish(stream.targets[index % number])
-        # What was missed is not made up for: that would be a burst.
+        # No catching up: that would be a burst.
         deadline = max(deadline + period, time.perf_counter())
     return times
 

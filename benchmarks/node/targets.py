@@ -14,7 +14,7 @@ from annik_core.solver.ik_solver import IkSolver
 _POSE = struct.Struct("<4s7d")
 #: Little endian CDR, no options.
 _HEADER = b"\x00\x01\x00\x00"
-#: So many more are drawn as a model might fail to answer.
+#: Poses drawn in excess, as a model may not solve all.
 _SPARE = 20
 
 
@@ -23,8 +23,8 @@ def pose_to_bytes(pose: FloatArray) -> bytes:
     return _POSE.pack(_HEADER, *pose.tolist())
 
 
-def answered_targets(model: str, count: int, rng: np.random.Generator) -> list[bytes]:
-    """Random poses of the working joint box of a packaged model, all of which it answers.
+def solvable_targets(model: str, count: int, rng: np.random.Generator) -> list[bytes]:
+    """Random poses of the joint box of a packaged model, all of which it solves.
 
     Args:
         model: its name.
@@ -43,6 +43,6 @@ def random_poses(robot: Robot, count: int, rng: np.random.Generator) -> FloatArr
     """Poses ``(count, 7)`` of random joint positions of the box, no two with the same x."""
     joints = robot.joint_box.sample(count + _SPARE, rng)
     poses = robot.forward_kinematics.poses(joints)
-    # What targets are told apart by; two of a million random numbers may agree.
+    # Targets are identified by their x; two of a million random numbers may be equal.
     first = np.unique(poses[:, 0], return_index=True)[1]
     return poses[np.sort(first)[:count]]

@@ -112,7 +112,7 @@ def _content(job: FitJob) -> dict[str, Any]:
     # A definition may change under the same path.
     robot = system.robot if isinstance(system, InverseKinematicsSystem) else None
     return {
-        **job.as_plain_data(),
+        **job.to_dict(),
         "annik_version": VERSION,
         "robot_sha256": robot.definition_hash if robot else None,
     }

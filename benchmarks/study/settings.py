@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from annik_training.designs.registry import DESIGNS, find_design
 from annik_training.fitting.options import FitOptions
@@ -66,10 +65,6 @@ class StudySettings:
             seeds=2,
             max_evaluations=15,
         )
-
-    def as_plain_data(self) -> dict[str, Any]:
-        """For a file."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 def _check(setting: str, value: int, allowed: tuple[int, int]) -> None:

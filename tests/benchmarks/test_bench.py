@@ -23,17 +23,17 @@ from annik_training.export import export_model
 from annik_training.fitting.fit import fit
 from annik_training.fitting.options import FitOptions
 from annik_training.train import evaluation_dataset
+from benchmarks.conditions import Conditions
 from benchmarks.ik import throughput
 from benchmarks.ik.annik import NETWORK, REFINED, our_solvers
 from benchmarks.ik.command import NoModelForBench, ik
-from benchmarks.ik.conditions import Conditions
 from benchmarks.ik.measure import TargetResult, measure_targets
 from benchmarks.ik.measure_alone import AloneResult, measure_alone
 from benchmarks.ik.measure_paths import PathResult, measure_paths
 from benchmarks.ik.page import bench_page
 from benchmarks.ik.peers import library
 from benchmarks.ik.peers.peer import PeerUnavailable
-from benchmarks.ik.query import ask, balanced_order
+from benchmarks.ik.query import balanced_order, timed_solve
 from benchmarks.ik.results import BenchResults, BenchSettings, ModelEntry, SolverEntry
 from benchmarks.ik.robot_problem import NotAnArm, robot_problem
 from benchmarks.ik.straight_paths import StraightPath, straight_line, straight_paths
@@ -247,7 +247,7 @@ def test_ctrl_c_ends_it(poses) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        ask(StandIn(known={poses[0].tobytes(): None}, answer=answer), poses[0], 6)
+        timed_solve(StandIn(known={poses[0].tobytes(): None}, answer=answer), poses[0], 6)
 
 
 @pytest.mark.parametrize("nonsense", [np.full(6, np.nan), np.zeros(5), np.full(6, np.inf)])
@@ -425,7 +425,7 @@ def results(**targets: TargetResult) -> BenchResults:
         paths={name: PathResult(5, 5, 0, 0.1, 1.0) for name in targets},
         lines_tried=9,
         throughput={name: {1: 1000.0, 64: 2000.0} for name in targets},
-        conditions=Conditions("a processor", 2, "3.12", {"numpy": "2"}, {}, 0.5, 1.5),
+        conditions=Conditions("a processor", 2, "3.12", {"numpy": "2"}, 0.5, 1.5),
     )
 
 

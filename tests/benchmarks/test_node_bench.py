@@ -17,10 +17,10 @@ from rclpy.serialization import deserialize_message
 from support.processes import LONG_PATIENCE, PATIENCE
 
 from annik_core.robots.library import load_robot
+from benchmarks.conditions import Conditions
 from benchmarks.node.page import command, node_bench_page
 from benchmarks.node.process_usage import cpu_seconds, resident_megabytes
 from benchmarks.node.results import (
-    Conditions,
     MemoryResult,
     NodeBenchResults,
     RoundTripResult,
@@ -105,7 +105,7 @@ def results() -> NodeBenchResults:
 
     return NodeBenchResults(
         settings=NodeBenchSettings(in_a_row=(1,)),
-        conditions=Conditions("a processor", 2, "performance", "3.12", "rmw", {}, 0.1, 1.0),
+        conditions=Conditions("a processor", 2, "3.12", {}, 0.1, 1.0, "performance", "rmw"),
         round_trips=[
             round_trip("null node", "single_threaded", 400.0),
             round_trip("null node", "events", 200.0),
@@ -121,7 +121,7 @@ def results() -> NodeBenchResults:
 def test_the_page_compares_with_the_null_node() -> None:
     page = node_bench_page(results())
     assert page.startswith("<!-- Written by ./run bench node -->\n")
-    assert "a target of another node between any two" in page
+    assert "targets of the other nodes between any two" in page
     assert "| ik_node gantry | events | 240 | 480 | 1.20 | 1.20 | 0.60 | 50 | 0 |" in page
     assert "| ik_node gantry | 1000 | 1 | 999 | 8 | 6 | 75.000 | 1.00 | 2.00 | 3.0 | 40 |" in page
     assert "| ik_node gantry | 10 | 600000 | 100.00 | 100.25 | 100.50 | 0.25 |" in page

@@ -44,7 +44,7 @@ def exact_solutions(
 
 
 def chosen_solution(solutions: Sequence[Sequence[float]], problem: IkProblem) -> FloatArray:
-    """The solution in the working box that is nearest to the start, else the nearest of all.
+    """The solution in the joint box that is nearest to the start, else the nearest of all.
 
     Each angle is first turned by whole turns to the one nearest to the start, because a closed
     form knows angles only within a turn.

@@ -1,7 +1,7 @@
 """EAIK: closed forms by subproblem decomposition, for arms that have one.
 
 A closed form has no start, no tolerance and no restarts: it gives all solutions. Of those the one
-in the working box that is nearest to its centre is taken, else the nearest of all. What EAIK marks
+in the joint box that is nearest to its centre is taken, else the nearest of all. What EAIK marks
 as a least-squares solution, close to a pose that can't be reached, counts only if all are so
 marked and EAIK's own forward kinematics leads to the pose: on some arms it marks exact ones too.
 Locked joints are fixed in its chain. It does arms of up to six joints, all revolute.
@@ -46,8 +46,8 @@ class _Eaik(Peer):
     def solve(self, pose: FloatArray) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
         target = pose_matrix(pose)
-        answer = self._robot.IK(target)
-        solutions = list(zip(answer.Q.tolist(), answer.is_LS.tolist(), strict=True))
+        found = self._robot.IK(target)
+        solutions = list(zip(found.Q.tolist(), found.is_LS.tolist(), strict=True))
         exact = exact_solutions(solutions, self._robot.fwdKin, target)
         return chosen_solution(exact, self._problem) if exact else None
 

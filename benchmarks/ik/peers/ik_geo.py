@@ -1,12 +1,12 @@
 """IK-Geo: closed forms by subproblem decomposition, for arms that have one, through ik-geo.
 
-IK-Geo has to be told the arm's family. It is found here from the axes: a spherical wrist or three
+IK-Geo needs the arm's family. It is found here from the axes: a spherical wrist or three
 parallel axes, plain or with two parallel or two intersecting axes besides. Other arms it solves by
-a search over one or two joints, which is no closed form and is not used. Whether the family was
-found rightly is checked on a few poses.
+a search over one or two joints, which is no closed form and is not used. The family is
+checked on a few poses.
 
 A closed form has no start, no tolerance and no restarts: it gives all solutions. Of those the one
-in the working box that is nearest to its centre is taken, else the nearest of all. What IK-Geo
+in the joint box that is nearest to its centre is taken, else the nearest of all. What IK-Geo
 marks as a least-squares solution, close to a pose that can't be reached, counts only if all are
 so marked and IK-Geo's own forward kinematics leads to the pose: on some arms exact ones are marked
 too. Locked joints are fixed in its chain. It does arms of six revolute joints.
@@ -66,8 +66,8 @@ class _IkGeo(Peer):
     def _solutions(self, target: FloatArray) -> list[list[float]]:
         """The exact solutions, each ``(6,)`` [rad], for a placement ``(4, 4)``."""
         # ik-geo takes the columns of a rotation where numpy has its rows: so it is transposed.
-        answers = self._robot.get_ik(self._tip @ target[:3, :3].T, target[:3, 3])
-        return exact_solutions(answers, self._forward, target)
+        found = self._robot.get_ik(self._tip @ target[:3, :3].T, target[:3, 3])
+        return exact_solutions(found, self._forward, target)
 
     def _forward(self, positions: list[float]) -> FloatArray:
         """IK-Geo's own forward kinematics ``(4, 4)``, of joint positions ``(6,)`` [rad]."""

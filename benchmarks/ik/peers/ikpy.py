@@ -1,8 +1,8 @@
 """IKPy with its default optimiser, scipy's least_squares by finite differences.
 
-Position and all three axes of the orientation are asked for, with scipy's default tolerances
+Targets are the position and all three axes of the orientation, with scipy's default tolerances
 (1e-8 on the change of cost, step and gradient; IKPy sets none) and number of evaluations. It
-starts at the centre of the working box and is given the working box as its bounds. It reports no
+starts at the centre of the joint box and is given the joint box as its bounds. It reports no
 failure. Locked joints are fixed in its chain.
 """
 
@@ -39,10 +39,10 @@ class _Ikpy(Peer):
 
     def solve(self, pose: FloatArray) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        answer = self._chain.inverse_kinematics_frame(
+        found = self._chain.inverse_kinematics_frame(
             pose_matrix(pose), initial_position=self._start, orientation_mode="all"
         )
-        return self._problem.with_locked(np.asarray(answer[1:-1], dtype=np.float64))
+        return self._problem.with_locked(np.asarray(found[1:-1], dtype=np.float64))
 
 
 def make(problem: IkProblem) -> Peer:

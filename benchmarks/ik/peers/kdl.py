@@ -1,8 +1,8 @@
 """KDL's Levenberg-Marquardt solver, ChainIkSolverPos_LMA, through PyKDL.
 
 All six weights are 1, not KDL's default of 0.01 on rotations, so that its tolerance, the norm of
-what is missing in metres and radians together, means the same for both: 1e-7. Up to 500
-iterations, KDL's default; no restarts; from the centre of the working box. It knows no limits, so
+the error in metres and radians together, means the same for both: 1e-7. Up to 500
+iterations, KDL's default; no restarts; from the centre of the joint box. It knows no limits, so
 it is given none. A locked joint is a fixed one in its chain.
 """
 

@@ -1,13 +1,13 @@
 """OptIK: SQP with analytical gradients and random restarts, as optik-py.
 
-Speed mode: the first answer, within 5 ms, the time that TRAC-IK has. Its tolerance is on the
-square of the norm of what is missing, in metres and radians together: 5e-7 in that norm; its
-default of 1e-6 would be 1 mm. The first search starts at the centre of the working box; the
-limits, which it keeps to and draws restarts from, are the working box. It runs in one thread: its
-answers are then the same in each run, and on the usual target the first search succeeds, so that
-further threads only take time.
+Speed mode: the first solution, within 5 ms, the time that TRAC-IK has. Its tolerance is on the
+square of the norm of the error, in metres and radians together: 5e-7 in that norm; its
+default of 1e-6 would be 1 mm. The first search starts at the centre of the joint box; the
+limits, which it keeps to and draws restarts from, are the joint box. It runs in one thread: its
+solutions are then the same in each run, and the first search usually succeeds, so that further
+threads only take time.
 
-OptIK 0.5.0 places a link wrongly after a fixed joint in the midst of a chain, so it is given a
+OptIK 0.5.0 places a link wrongly after a fixed joint within a chain, so it is given a
 chain whose fixed and locked joints are merged into the next joint, and its forward kinematics is
 checked. Prismatic joints end the whole process in it, so robots that have one are refused.
 """
@@ -63,10 +63,10 @@ class _Optik(Peer):
 
     def solve(self, pose: FloatArray) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        answer = self._robot.ik(self._config, pose_matrix(pose), self._start)
-        if answer is None:
+        found = self._robot.ik(self._config, pose_matrix(pose), self._start)
+        if found is None:
             return None
-        return self._problem.with_locked(np.array(answer[0]))
+        return self._problem.with_locked(np.array(found[0]))
 
 
 def make(problem: IkProblem) -> Peer:

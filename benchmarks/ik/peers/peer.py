@@ -1,4 +1,4 @@
-"""What the benchmark asks of a solver, and the answer where a solver can't take part."""
+"""The interface of the solvers, and the error of one that can't take part."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Kind = Literal["numerical", "closed form", "ours"]
 
 
 class Peer(Protocol):
-    """A solver, made ready for one robot and one working box.
+    """A solver, prepared for one robot and one joint box.
 
     A solve is timed from the pose to the joint positions, as a Python program would call it, so it
     includes the conversion to the solver's own types. Whatever can be prepared for all targets is

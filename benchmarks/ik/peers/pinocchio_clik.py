@@ -1,8 +1,8 @@
 """Closed-loop inverse kinematics with Pinocchio: the loop of its documentation's example.
 
-Damped Gauss-Newton on log6 of what is missing, with Jlog6 and a damping of 1e-12 as there. The
+Damped Gauss-Newton on log6 of the error, with Jlog6 and a damping of 1e-12 as there. The
 example moves by a tenth of each step, to show the loop; here the whole step is taken, without
-which 1e-7 would be some 150 iterations away. Up to 100 iterations, from the centre of the working
+which 1e-7 would be some 150 iterations away. Up to 100 iterations, from the centre of the joint
 box, no restarts, nothing clipped: it knows no limits. The loop is in Python as in the example.
 Locked joints are fixed in its model.
 """

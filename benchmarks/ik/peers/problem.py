@@ -1,4 +1,4 @@
-"""What a solver is to solve: a robot, the box its joints are to stay in, and its frames."""
+"""The problem of the solvers: a robot, its frames and its joint box."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class IkProblem:
     Attributes:
         urdf: text of the robot's description; only its kinematics are read.
         base_frame: link that the poses refer to.
-        end_effector_frame: link whose pose is asked for.
+        end_effector_frame: link whose pose is the target.
         joint_names: the moving joints from base to end effector, in this order.
         lower: ``(dof,)`` the robot's limits [rad or m].
         upper: ``(dof,)`` the robot's limits [rad or m].
-        box_lower: ``(dof,)`` the working box [rad or m].
-        box_upper: ``(dof,)`` the working box [rad or m]; a joint with equal bounds is locked.
+        box_lower: ``(dof,)`` the joint box [rad or m].
+        box_upper: ``(dof,)`` the joint box [rad or m]; a joint with equal bounds is locked.
     """
 
     urdf: str
@@ -41,7 +41,7 @@ class IkProblem:
 
     @cached_property
     def start(self) -> FloatArray:
-        """``(dof,)``, the centre of the working box, where every solver starts."""
+        """``(dof,)``, the centre of the joint box, where every solver starts."""
         return 0.5 * (self.box_lower + self.box_upper)
 
     @cached_property
@@ -56,7 +56,7 @@ class IkProblem:
 
     @cached_property
     def free_box(self) -> tuple[FloatArray, FloatArray]:
-        """Working box of the joints that are not locked, two arrays ``(free,)``."""
+        """Joint box of the joints that are not locked, two arrays ``(free,)``."""
         return self.box_lower[self.free], self.box_upper[self.free]
 
     @cached_property
@@ -77,7 +77,7 @@ class IkProblem:
 def locked_urdf(problem: IkProblem) -> str:
     """The chain from base to end effector, its locked joints fixed at their values.
 
-    Links have no geometry and no mass, and the limits of the other joints are the working box: a
+    Links have no geometry and no mass, and the limits of the other joints are the joint box: a
     solver that keeps to limits is so kept on the branch that the targets come from.
 
     Raises:

@@ -1,12 +1,12 @@
 """The Robotics Toolbox for Python's ik_LM, the solver in C++, with one start and with restarts.
 
 Chan's damping with a gain of 1 and up to 30 iterations a search, its defaults. Its tolerance is on
-half the square of the norm of what is missing, in metres and radians together: 5e-7 in that norm.
-Its default of 1e-6 would be 1.4 mm. The first search starts at the centre of the working box.
+half the square of the norm of the error, in metres and radians together: 5e-7 in that norm.
+Its default of 1e-6 would be 1.4 mm. The first search starts at the centre of the joint box.
 
-With restarts, up to 100 searches (the default), the working box is given as the joint limits:
-they reject an answer outside, and the next search starts at a random place within. With one start
-there is nothing to gain from a rejection, so limits are off and the answer is given as it is.
+With restarts, up to 100 searches (the default), the joint box is given as the joint limits:
+they reject a solution outside, and the next search starts at a random place within. With one start
+there is nothing to gain from a rejection, so limits are off and the solution is returned as it is.
 
 The chain is a sequence of elementary transforms with as few constants as there can be.
 """
@@ -49,7 +49,7 @@ class _RoboticsToolbox(Peer):
 
     def solve(self, pose: FloatArray) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        answer = self._transforms.ik_LM(
+        found = self._transforms.ik_LM(
             pose_matrix(pose),
             q0=self._start,
             ilimit=ITERATIONS,
@@ -57,9 +57,9 @@ class _RoboticsToolbox(Peer):
             tol=0.5 * TOLERANCE**2,
             joint_limits=self._limited,
         )
-        if not answer.success:
+        if not found.success:
             return None
-        return self._problem.with_locked(np.asarray(answer.q, dtype=np.float64))
+        return self._problem.with_locked(np.asarray(found.q, dtype=np.float64))
 
 
 def make(problem: IkProblem) -> Peer:

@@ -1,9 +1,9 @@
 """TRAC-IK, through pytracik.
 
-Speed mode: the first answer, of KDL's Newton solver with restarts and of SQP, which run side by
+Speed mode: the first solution, of KDL's Newton solver with restarts and of SQP, which run side by
 side in two threads. 5 ms at most, TRAC-IK's default. Its tolerance holds for each of the six
 components, so 5e-7 leaves the norms of the three below 1e-6. It starts at the centre of the
-working box, and is given the working box as its limits, which the solvers keep to: so it stays on
+joint box, and is given the joint box as its limits, which the solvers respect: so it stays on
 the branch of the targets. Its restarts are random and not seeded, so that counts differ from run
 to run. It is called below pytracik's class TracIK, which would first turn a matrix into a
 quaternion, by eigenvalues, for the sake of a target that is a quaternion here.
@@ -46,10 +46,10 @@ class _TracIk(Peer):
 
     def solve(self, pose: FloatArray) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        answer: FloatArray = self._pytracik.ik(self._solver, self._start, *pose.tolist())
-        if answer[0] < 0.0:
+        found: FloatArray = self._pytracik.ik(self._solver, self._start, *pose.tolist())
+        if found[0] < 0.0:
             return None
-        return self._problem.with_locked(answer[1:])
+        return self._problem.with_locked(found[1:])
 
 
 def make(problem: IkProblem) -> Peer:
