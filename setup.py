@@ -106,7 +106,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "annik = annik_training.cli.commands:main",
+            "annik = annik_training.cli:main",
             "bag_recorder = annik_ros.bag_recorder.node:main",
             "example_collector = annik_ros.example_collector.node:main",
             "fake_robot = annik_ros.fake_robot.node:main",

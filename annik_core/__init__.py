@@ -1,1 +1,77 @@
-"""The part of annik that needs neither ROS nor torch: robots, poses, models, the IK solver."""
+"""Robots, model files, solver and checks; no ROS, no torch. See docs/api.md.
+
+The names below are loaded on first use: a node joins the graph before it loads onnxruntime.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from annik_core.dataset import Dataset, load_dataset, save_dataset
+    from annik_core.errors import AnnikError
+    from annik_core.model.artifact import Model, load_model, packaged_models
+    from annik_core.robots.library import load_robot, packaged_robots
+    from annik_core.robots.robot import Robot
+    from annik_core.safety import AcceptanceLimits, CommandSafety, IkStatus
+    from annik_core.serving.ik_server import IkServer
+    from annik_core.solver.ik_solver import IkSolver, SolverMode
+    from annik_core.solver.options import RefinementOptions
+    from annik_core.solver.result import IkResult
+
+__all__ = [
+    "AcceptanceLimits",
+    "AnnikError",
+    "CommandSafety",
+    "Dataset",
+    "IkResult",
+    "IkServer",
+    "IkSolver",
+    "IkStatus",
+    "Model",
+    "RefinementOptions",
+    "Robot",
+    "SolverMode",
+    "load_dataset",
+    "load_model",
+    "load_robot",
+    "packaged_models",
+    "packaged_robots",
+    "save_dataset",
+]
+
+_MODULES = {
+    "AcceptanceLimits": "safety",
+    "AnnikError": "errors",
+    "CommandSafety": "safety",
+    "Dataset": "dataset",
+    "IkResult": "solver.result",
+    "IkServer": "serving.ik_server",
+    "IkSolver": "solver.ik_solver",
+    "IkStatus": "safety",
+    "Model": "model.artifact",
+    "RefinementOptions": "solver.options",
+    "Robot": "robots.robot",
+    "SolverMode": "solver.ik_solver",
+    "load_dataset": "dataset",
+    "load_model": "model.artifact",
+    "load_robot": "robots.library",
+    "packaged_models": "model.artifact",
+    "packaged_robots": "robots.library",
+    "save_dataset": "dataset",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on first use (PEP 562)."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, for completion."""
+    return sorted(__all__)

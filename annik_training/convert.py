@@ -27,7 +27,7 @@ from annik_core.model.session import make_session
 from annik_core.pose import FloatArray
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import compute_random_dataset
+from annik_training.designs.sampling import random_dataset
 from annik_training.export import PROOF_POSES, write_model
 from annik_training.fitting.problem import InverseKinematicsSystem
 from annik_training.networks.encoding import PositionRotationMatrix
@@ -129,7 +129,7 @@ def _network(
 
 
 def _proof_poses(robot: Robot, metadata: ModelMetadata) -> FloatArray:
-    random = compute_random_dataset(robot, robot.joint_box, PROOF_POSES, metadata.seed).poses
+    random = random_dataset(robot, robot.joint_box, PROOF_POSES, metadata.seed).poses
     corners = np.stack([robot.joint_box.lower, robot.joint_box.upper])
     return np.concatenate(
         [random, robot.forward_kinematics.poses(corners), metadata.reference_poses]

@@ -1,30 +1,33 @@
-"""Evaluation of a model on random poses: the network alone, and refined as a node does.
-
-How good a network is: the forward kinematics of its answers against the poses asked for.
-
-How good a network's answers are once they are polished, as a node polishes them.
-"""
+"""Errors of a model at random poses: of the network alone, and refined as a node does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from annik_core.dataset import Dataset
 from annik_core.pose import FloatArray, pose_distance
+from annik_core.robots.robot import Robot
 from annik_core.solver.ik_solver import SolverMode
 from annik_core.solver.options import RefinementOptions, RefinementResult
 from annik_core.solver.refinement import Refinement
+from annik_training.defaults import DEFAULT_EVALUATION_POSES
+from annik_training.designs.sampling import random_dataset
+
+if TYPE_CHECKING:
+    from annik_core.model.artifact import Model
 
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
+#: Joint positions closer than this are the same solution [rad or m].
+SAME_SOLUTION = 1e-3
 
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Distribution of an error, in the unit of what was summarised."""
+    """Distribution of an error, in the unit of the errors."""
 
     rms: float
     p50: float
@@ -42,114 +45,16 @@ class ErrorSummary:
 
 
 @dataclass(frozen=True)
-class Evaluation:
-    """Errors of a network on a dataset it has not seen.
-
-    Attributes:
-        examples: how many poses.
-        seed: the seed that they were drawn from.
-        position_error: [m].
-        orientation_error: [rad].
-        outside_joint_limits: fraction of answers that a solver would refuse.
-        refined: what refinement makes of the answers; None for a robot whose node does not refine.
-    """
-
-    examples: int
-    seed: int
-    position_error: ErrorSummary
-    orientation_error: ErrorSummary
-    outside_joint_limits: float
-    refined: RefinedEvaluation | None = None
-
-    def as_plain_data(self) -> dict[str, Any]:
-        """For a model's metadata; the units are in the names."""
-        data = {
-            "examples": self.examples,
-            "seed": self.seed,
-            "position_error_m": vars(self.position_error),
-            "orientation_error_rad": vars(self.orientation_error),
-            "outside_joint_limits": self.outside_joint_limits,
-        }
-        return data if self.refined is None else {**data, "refined": self.refined.as_plain_data()}
-
-
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What a network answers to poses that it has not seen, one row per pose.
-
-    Attributes:
-        dataset: the poses.
-        answers: ``(n, dof)`` [rad or m].
-        distances: ``(n,)`` from where the answers lead to the poses [m].
-        angles: ``(n,)`` [rad].
-        refined: the answers polished; None for a robot whose node does not refine.
-    """
-
-    dataset: Dataset
-    answers: FloatArray
-    distances: FloatArray
-    angles: FloatArray
-    refined: list[RefinementResult] | None
-
-
-def evaluate(joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset) -> Evaluation:
-    """Measure and sum up; see :func:`measure` and :func:`summarise`."""
-    return summarise(measure(joint_positions, dataset))
-
-
-def measure(joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset) -> Measured:
-    """Ask a function from poses ``(n, 7)`` to joint positions ``(n, dof)``.
-
-    Args:
-        joint_positions: the network, as trained or as exported.
-        dataset: poses, usually random ones; each is resolved as the solver does without a
-            previous command.
-    """
-    robot = dataset.robot
-    poses = np.array([robot.workspace.resolve(pose, None).pose for pose in dataset.poses])
-    answer = joint_positions(poses)
-    achieved = robot.forward_kinematics.poses(answer)
-    distances, angles = pose_distance(dataset.poses, achieved)
-    refined = (
-        refine_all(answer, dataset, RefinementOptions())
-        if SolverMode.AUTO.refines(robot)
-        else None
-    )
-    return Measured(dataset, answer, distances, angles, refined)
-
-
-def summarise(measured: Measured) -> Evaluation:
-    """The errors in percentiles."""
-    dataset, answers = measured.dataset, measured.answers
-    limits = dataset.robot.joint_limits
-    outside = ~((answers >= limits.lower) & (answers <= limits.upper)).all(axis=1)
-    return Evaluation(
-        examples=len(dataset),
-        seed=dataset.seed,
-        position_error=ErrorSummary.of(measured.distances),
-        orientation_error=ErrorSummary.of(measured.angles),
-        outside_joint_limits=float(outside.mean()),
-        refined=(
-            None if measured.refined is None else evaluate_refined(measured.refined, dataset)
-        ),
-    )
-
-
-#: Joint positions closer than this are the same solution [rad or m].
-SAME_SOLUTION = 1e-3
-
-
-@dataclass(frozen=True)
 class RefinedEvaluation:
-    """What refinement makes of a network's answers to poses that it has not seen.
+    """Errors after refinement of the network's joint positions.
 
     Attributes:
-        success: fraction that converged; all of these are inside the working joint box.
-        same_solution: fraction that ended at the joint positions that the pose was made from. A
-            success that did not has found a second solution inside the box.
-        mean_steps: steps of those that converged, on average.
-        p99_steps: 99 of 100 took at most so many.
-        max_steps: most steps that one took.
+        success: fraction that converged; all of these are inside the joint box.
+        same_solution: fraction that ended at the joint positions that the pose was made from. The
+            other successes found a second solution inside the box.
+        mean_steps: mean steps of those that converged.
+        p99_steps: 99th percentile.
+        max_steps: maximum.
         position_residual: greatest distance of a success from its target [m].
         orientation_residual: greatest angle [rad].
     """
@@ -162,31 +67,123 @@ class RefinedEvaluation:
     position_residual: float
     orientation_residual: float
 
-    def as_plain_data(self) -> dict[str, Any]:
-        """For a model's metadata; the units are in the names."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for a model's metadata; the units are in the names."""
         data = dict(vars(self))
         data["position_residual_m"] = data.pop("position_residual")
         data["orientation_residual_rad"] = data.pop("orientation_residual")
         return data
 
 
-def refine_all(
-    answers: FloatArray, dataset: Dataset, options: RefinementOptions
-) -> list[RefinementResult]:
-    """Polish answers ``(n, dof)`` to the poses of a dataset, one at a time."""
-    robot = dataset.robot
-    refinement = Refinement(robot.forward_kinematics, robot.joint_box, options)
-    return [
-        refinement.refine(answer, pose)
-        for answer, pose in zip(answers, dataset.poses, strict=True)
-    ]
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of a model at poses that it was not trained on.
 
-
-def evaluate_refined(refined: list[RefinementResult], dataset: Dataset) -> RefinedEvaluation:
-    """Sum up what :func:`refine_all` made of the poses of a dataset.
-
-    The residuals are measured again, by poses computed anew.
+    Attributes:
+        examples: number of poses.
+        seed: seed of the poses.
+        position_error: of the network alone [m].
+        orientation_error: of the network alone [rad].
+        outside_joint_limits: fraction of the network's joint positions outside the joint limits.
+        refined: errors after refinement; None for a robot whose solutions are not refined.
     """
+
+    examples: int
+    seed: int
+    position_error: ErrorSummary
+    orientation_error: ErrorSummary
+    outside_joint_limits: float
+    refined: RefinedEvaluation | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for a model's metadata; the units are in the names."""
+        data = {
+            "examples": self.examples,
+            "seed": self.seed,
+            "position_error_m": vars(self.position_error),
+            "orientation_error_rad": vars(self.orientation_error),
+            "outside_joint_limits": self.outside_joint_limits,
+        }
+        return data if self.refined is None else {**data, "refined": self.refined.to_dict()}
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkErrors:
+    """Errors of a network at the poses of a dataset, one row per pose.
+
+    Attributes:
+        dataset: the poses, with joint positions that reach them.
+        joint_positions: ``(n, dof)`` of the network [rad or m].
+        distances: ``(n,)`` of the poses there from the poses of the dataset [m].
+        angles: ``(n,)`` [rad].
+        refined: the joint positions refined; None for a robot whose solutions are not refined.
+    """
+
+    dataset: Dataset
+    joint_positions: FloatArray
+    distances: FloatArray
+    angles: FloatArray
+    refined: list[RefinementResult] | None
+
+    def summary(self) -> Evaluation:
+        """Percentiles of the errors."""
+        limits = self.dataset.robot.joint_limits
+        within = (self.joint_positions >= limits.lower) & (self.joint_positions <= limits.upper)
+        return Evaluation(
+            examples=len(self.dataset),
+            seed=self.dataset.seed,
+            position_error=ErrorSummary.of(self.distances),
+            orientation_error=ErrorSummary.of(self.angles),
+            outside_joint_limits=float((~within.all(axis=1)).mean()),
+            refined=(
+                None if self.refined is None else _refined_evaluation(self.refined, self.dataset)
+            ),
+        )
+
+
+def evaluate(model: Model, *, poses: int = DEFAULT_EVALUATION_POSES, seed: int = 0) -> Evaluation:
+    """Errors of a model at random poses of its robot's joint box.
+
+    Args:
+        model: the model.
+        poses: number of poses.
+        seed: seed of the poses.
+    """
+    dataset = evaluation_dataset(model.robot, poses, seed)
+    return network_errors(model.joint_positions, dataset).summary()
+
+
+def evaluation_dataset(robot: Robot, poses: int, seed: int) -> Dataset:
+    """Random poses of a robot's joint box, drawn independently of all that is trained on."""
+    entropy = np.random.SeedSequence([seed, poses]).generate_state(1)[0]
+    return random_dataset(robot, robot.joint_box, poses, int(entropy))
+
+
+def network_errors(
+    joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset
+) -> NetworkErrors:
+    """Errors of a network, as trained or as exported.
+
+    Args:
+        joint_positions: poses ``(n, 7)`` to joint positions ``(n, dof)``.
+        dataset: poses; each is resolved as by the solver without a previous command.
+    """
+    robot = dataset.robot
+    poses = np.array([robot.workspace.resolve(pose, None).pose for pose in dataset.poses])
+    found = joint_positions(poses)
+    distances, angles = pose_distance(dataset.poses, robot.forward_kinematics.poses(found))
+    refined = None
+    if SolverMode.AUTO.refines(robot):
+        refinement = Refinement(robot.forward_kinematics, robot.joint_box, RefinementOptions())
+        refined = [
+            refinement.refine(start, pose)
+            for start, pose in zip(found, dataset.poses, strict=True)
+        ]
+    return NetworkErrors(dataset, found, distances, angles, refined)
+
+
+def _refined_evaluation(refined: list[RefinementResult], dataset: Dataset) -> RefinedEvaluation:
+    """Summary of refinements; the residuals are measured again, from poses computed anew."""
     converged = np.array([result.converged for result in refined])
     found = np.array([result.joint_positions for result in refined])
     off = np.abs(found - dataset.joint_positions).max(axis=1)

@@ -15,7 +15,7 @@ from annik_core.model.graph import FEATURES_NAME, INPUT_NAME, OUTPUT_NAME
 from annik_core.model.metadata import FORMAT_VERSION, ModelMetadata
 from annik_core.model.session import make_session
 from annik_core.pose import FloatArray
-from annik_training.designs.sampling import compute_random_dataset
+from annik_training.designs.sampling import random_dataset
 from annik_training.evaluation import Evaluation
 from annik_training.fitting.fit import FittedNetwork
 
@@ -65,7 +65,7 @@ def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> M
     """
     metadata = _metadata(fitted, evaluation)
     robot = fitted.dataset.robot
-    proof = compute_random_dataset(robot, robot.joint_box, PROOF_POSES, fitted.options.seed)
+    proof = random_dataset(robot, robot.joint_box, PROOF_POSES, fitted.options.seed)
     poses = np.concatenate([proof.poses, fitted.dataset.poses])
     expected = fitted.network.joint_positions(poses)
     write_model(fitted.network.as_onnx(), metadata, path, poses, expected, EXPORT_TOLERANCE)
@@ -136,7 +136,7 @@ def prove_export(
 def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ModelMetadata:
     dataset = fitted.dataset
     robot = dataset.robot
-    references = compute_random_dataset(
+    references = random_dataset(
         robot, robot.joint_box, _REFERENCE_POSES, fitted.options.seed + 1
     ).poses
     return ModelMetadata(
@@ -159,8 +159,8 @@ def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ModelMetadata:
         dataset_hash=dataset.content_hash,
         seed=fitted.options.seed,
         winning_restart=fitted.winner,
-        fit_options=fitted.options.as_plain_data(),
-        evaluation=evaluation.as_plain_data(),
+        fit_options=fitted.options.to_dict(),
+        evaluation=evaluation.to_dict(),
         reference_poses=references.tolist(),
         reference_joint_positions=fitted.network.joint_positions(references).tolist(),
     )

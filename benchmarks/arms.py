@@ -16,9 +16,8 @@ import numpy as np
 
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot, packaged_robots
-from annik_training.designs.sampling import compute_dataset, compute_random_dataset
-from annik_training.fitting.options import ARM_OPTIONS
-from annik_training.train import train
+from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_training.training import train
 from benchmarks.command_line import (
     ROOT,
     chosen,
@@ -111,8 +110,8 @@ def _measured(name: str, examples: int, settings: _Settings, models: Path) -> tu
     robot = load_robot(name)
     models.mkdir(parents=True, exist_ok=True)
     model = models / f"{name}.onnx"
-    trained = train(compute_dataset(robot, "sobol", examples, seed=0), model, ARM_OPTIONS)
-    unseen = compute_random_dataset(robot, robot.joint_box, settings.targets, _TARGET_SEED)
+    trained = train(generate_dataset(robot, "sobol", examples, seed=0), model)
+    unseen = random_dataset(robot, robot.joint_box, settings.targets, _TARGET_SEED)
     solutions = solutions_of(model, unseen.poses)
     steps = solutions.newton_steps[np.isfinite(solutions.joint_positions).all(axis=1)]
     verifier = Verifier(robot_problem(robot))

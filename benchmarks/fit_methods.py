@@ -24,10 +24,10 @@ from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.target_paths import diagonal_path
-from annik_training.designs.sampling import compute_dataset, compute_random_dataset
+from annik_training.designs.sampling import generate_dataset, random_dataset
 from annik_training.fitting.fit import (
     dataset_examples,
-    fit_start,
+    fit_restart,
     scaled_examples,
     untrained_network,
 )
@@ -136,8 +136,8 @@ def run(dataset: Dataset, unseen: FloatArray, method: str, seed: int, evaluation
     rng = np.random.default_rng(seed)
     begin = time.perf_counter()
     if method == "separable":
-        fitted, restart = fit_start(examples, everything, everything[:0], options, seed, rng)
-        error = restart.training_error
+        restart = fit_restart(examples, everything, everything[:0], options, seed, rng)
+        fitted, error = restart.network, restart.training_error
     else:
         fitted = untrained_network(examples, everything, options)
         fitted.hidden.initialise(rng)
@@ -183,9 +183,9 @@ def fit_methods(quick: bool, out: Path, docs: Path | None, **choices: int | None
     docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
     torch.set_num_threads(1)
     robot = load_robot("gantry")
-    unseen = compute_random_dataset(robot, robot.joint_box, 2000, seed=20_000).poses
+    unseen = random_dataset(robot, robot.joint_box, 2000, seed=20_000).poses
     datasets = {
-        name: compute_dataset(robot, "thirty_phase", steps, 0) for name, steps in SETS.items()
+        name: generate_dataset(robot, "thirty_phase", steps, 0) for name, steps in SETS.items()
     }
     outcomes: dict[tuple[str, str], list[Outcome]] = {
         (name, method): [] for name in SETS for method in METHODS

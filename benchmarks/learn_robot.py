@@ -27,16 +27,20 @@ from annik_core.model.artifact import Model, load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.solver.ik_solver import IkSolver
-from annik_training.calibration import calibrate
-from annik_training.calibration.estimation import fit_parameters
-from annik_training.calibration.model import GrayBoxModel, Part
+from annik_training.calibration.calibrate import (
+    CalibratedRobot,
+    CalibrationOptions,
+    calibrate,
+)
+from annik_training.calibration.estimation import estimate
+from annik_training.calibration.model import ParametricModel, Part
 from annik_training.calibration.observations import Noise, Observations
-from annik_training.designs.errors import DesignError
+from annik_training.defaults import DEFAULTS
 from annik_training.designs.registry import DESIGNS, make_design
-from annik_training.designs.sampling import compute_dataset
+from annik_training.designs.sampling import generate_dataset
 from annik_training.fitting.fit import fit
-from annik_training.fitting.options import ARM_OPTIONS, FitOptions
-from annik_training.train import train
+from annik_training.fitting.options import FitOptions
+from annik_training.training import train
 from benchmarks.command_line import (
     chosen,
     docs_folder,
@@ -139,10 +143,10 @@ def _one_robot(seed: int, models: Path) -> dict[str, str]:
     nominal = load_model("ur5e")
     row = {"nothing: the nominal model": _errors(nominal, robot, targets)[0]}
     main_dataset = _measured_dataset(robot, "sobol", 102, seed)
-    learned = calibrate.learn_robot(main_dataset)
+    learned = calibrate(_NOMINAL, main_dataset)
     models.mkdir(parents=True, exist_ok=True)
     path = models / f"{seed}.onnx"
-    train(compute_dataset(learned.robot, "sobol", 512, 0), path, ARM_OPTIONS)
+    train(generate_dataset(learned.robot, "sobol", 512, 0), path)
     served = load_model(path)
     row["**102 Sobol examples**"], within = _errors(served, robot, targets)
     row["positions and orientations within the stated 95 % bound [%]"] = within
@@ -162,11 +166,11 @@ def _one_robot(seed: int, models: Path) -> dict[str, str]:
         ),
         ("102, 5 % of them gross outliers", _with_outliers(main_dataset, seed), {}),
     ):
-        changed = calibrate.learn_robot(dataset, **options)
+        changed = calibrate(_NOMINAL, dataset, CalibrationOptions(**options))
         row[name] = _errors(_served(served, changed), robot, targets)[0]
     networks = (
         ("102, the paper's network alone (6-20-6)", FitOptions(seed=0)),
-        ("102, a network alone, with the nominal slopes", replace(ARM_OPTIONS, seed=0)),
+        ("102, a network alone, with the nominal slopes", replace(DEFAULTS["arm"].fit, seed=0)),
     )
     for name, fit_options in networks:
         network = fit(main_dataset, fit_options).network
@@ -174,7 +178,7 @@ def _one_robot(seed: int, models: Path) -> dict[str, str]:
     return row
 
 
-def _served(artifact: Model, learned: calibrate.LearnedRobot) -> Model:
+def _served(artifact: Model, learned: CalibratedRobot) -> Model:
     """The same network as a start, for another learned robot."""
     return replace(artifact, robot=learned.robot)
 
@@ -185,7 +189,7 @@ def _poses(positions: FloatArray, rotations: FloatArray) -> FloatArray:
 
 
 def _measured_dataset(robot: PerturbedUr5e, design: str, size: int, seed: int) -> Dataset:
-    joint_positions = make_design(design, _NOMINAL, size, seed)
+    joint_positions = make_design(_NOMINAL, design, size, seed)
     rng = np.random.default_rng([seed, len(joint_positions)])
     return Dataset(
         _NOMINAL,
@@ -242,7 +246,7 @@ def _mean_and_worst(distances: FloatArray) -> str:
 
 def _sweep(settings: _Settings) -> dict[str, list[tuple[int, float]]]:
     """Number of examples and mean error by design and wanted number."""
-    model = GrayBoxModel(_NOMINAL, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
+    model = ParametricModel(_NOMINAL, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
     noise = Noise(POSITION_NOISE, ORIENTATION_NOISE)
     swept: dict[str, list[tuple[int, float]]] = {}
     for design in settings.designs:
@@ -253,7 +257,7 @@ def _sweep(settings: _Settings) -> dict[str, list[tuple[int, float]]]:
                 robot = PerturbedUr5e(seed)
                 dataset = _measured_dataset(robot, design, chosen, seed)
                 start = model.start(np.random.default_rng(seed))
-                fitted = fit_parameters(model, Observations.of(dataset), noise, start)
+                fitted = estimate(model, Observations.of(dataset), noise, start)
                 held_out = _NOMINAL.joint_box.sample(HELD_OUT, np.random.default_rng([seed, 7]))
                 where, _ = model.positions_and_rotations(fitted.parameters, held_out)
                 errors.append(np.linalg.norm(where - robot.pose(held_out)[0], axis=1).mean())
@@ -264,14 +268,12 @@ def _sweep(settings: _Settings) -> dict[str, list[tuple[int, float]]]:
 
 def _size_of(design: str, examples: int) -> int:
     """The size by which a design comes nearest to so many examples."""
-    if DESIGNS[design].size_option == "examples":
+    if DESIGNS[design].size.name == "examples":
         return examples
-    counts: dict[int, int] = {}
-    for size in range(1, 40):
-        try:
-            counts[size] = len(make_design(design, _NOMINAL, size, 0))
-        except DesignError:
-            continue
+    counts = {
+        size: len(make_design(_NOMINAL, design, size, 0))
+        for size in range(DESIGNS[design].size.minimum, 40)
+    }
     return min(counts, key=lambda size: abs(counts[size] - examples))
 
 

@@ -98,7 +98,7 @@ def levels() -> str:
 def designs() -> str:
     """The designs of experiments."""
     rows = [
-        (f"`{d.name}`", f"`{d.size_flag}`: {d.size_means}", f"{d.default_size}", d.description)
+        (f"`{d.name}`", f"`{d.size.flag}`: {d.size.meaning}", f"{d.size.default}", d.description)
         for d in DESIGNS.values()
     ]
     return table(("design", "size", "default", "what it is"), rows)

@@ -50,7 +50,7 @@ class Processes:
 
     def annik(self, name: str, *arguments: str) -> ChildProcess:
         """Start the ``annik`` command line."""
-        return self._start(name, "annik_training.cli.commands", *arguments)
+        return self._start(name, "annik_training.cli", *arguments)
 
     def _start(self, name: str, module: str, *arguments: str) -> ChildProcess:
         command = [sys.executable, "-m", module, *arguments]

@@ -1,9 +1,9 @@
-"""Learn a robot that is not as described, in one command: measure, fit, drive, before and after.
+"""Calibrate a simulated robot in one command: measure, calibrate, drive, before and after.
 
-The robot is a ``fake_robot`` whose geometry, joint zeros and gears have errors that nobody else
-knows. Each part runs as its user would run it: ``example_collector`` measures it pose by pose over
-DDS, ``annik fit`` learns it, and ``ik_node`` drives it along one path, first with the nominal
-model, then with the learned one.
+The robot is a ``fake_robot`` with errors of geometry, joint zeros and transmissions that no other
+part knows. Each part runs as its user would run it: ``example_collector`` measures poses over DDS,
+``annik calibrate`` calibrates the robot, and ``ik_node`` drives it along one path, with the
+nominal model and with the calibrated one.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def run_learn(folder: Path, examples: int, console: Console) -> str:
     summary = folder / "fit.json"
     with console.status("learning the robot"), processes(logs) as started:
         started.annik(
-            "fit",
-            *("fit", "--measured", str(measured), "--nominal", ROBOT),
+            "calibrate",
+            *("calibrate", "--measured", str(measured), "--nominal", ROBOT),
             *("--out", str(model), "--summary", str(summary)),
         ).wait(_FIT_TIMEOUT)
     fit: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))

@@ -34,18 +34,17 @@ def arm_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from click.testing import CliRunner
     from support.six_joint_arm import FRAMES, JOINT_BOX, URDF
 
-    from annik_training.cli.commands import cli
+    from annik_training.cli import cli
 
     folder = tmp_path_factory.mktemp("arm")
     (folder / "arm.urdf").write_text(URDF, encoding="utf-8")
     arguments = (
         *("train", "--robot", folder / "arm.urdf", *FRAMES, *JOINT_BOX),
         *("--examples", 64, "--hidden", "8", "--max-evaluations", 5, "--seed", 3),
+        *("--evaluation-poses", 200),
         *("--out", folder / "arm.onnx", "--summary", folder / "summary.json"),
     )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("annik_training.train.EVALUATION_POSES", 200)
-        result = CliRunner().invoke(cli, [str(argument) for argument in arguments])
+    result = CliRunner().invoke(cli, [str(argument) for argument in arguments])
     assert result.exit_code == 0, result.output
     (folder / "printed.txt").write_text(result.output, encoding="utf-8")
     return folder / "arm.onnx"

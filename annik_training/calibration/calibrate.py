@@ -1,33 +1,24 @@
-"""Kinematic calibration of an arm from measured poses.
-
-Does a model predict examples that it was really not fitted to?
-
-The closed form for leaving one example out takes the networks for linear. A flexible one finds
-ways to agree with an example that this does not see, so a close decision in its favour is checked
-by fits, from other starts, to parts of the examples.
-
-Learn the robot that is there: which parts of the model, with which parameters, how sure.
-"""
+"""Kinematic calibration of an arm from measured poses: choice of the model's parts, and result."""
 
 from __future__ import annotations
 
 import math
 import time
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.dataset import Dataset
-from annik_core.errors import RobotMismatch
+from annik_core.errors import InvalidValue, RobotMismatch
 from annik_core.pose import FloatArray
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
+from annik_core.settings import check_settings, setting
 from annik_training.calibration.errors import TooFewMeasurements
-from annik_training.calibration.estimation import FittedParameters, fit_parameters
-from annik_training.calibration.model import GrayBoxModel, Part, nominal_kinematics
+from annik_training.calibration.estimation import Estimate, estimate
+from annik_training.calibration.model import ParametricModel, Part, nominal_kinematics
 from annik_training.calibration.observations import Noise, Observations, is_measured_alike
 from annik_training.calibration.outliers import find_outliers, stiff_and_flexible
 from annik_training.calibration.uncertainty import (
@@ -37,51 +28,7 @@ from annik_training.calibration.uncertainty import (
 )
 from annik_training.fitting.threads import one_thread
 
-_FOLDS = 5
-
-
-def predicts_better(
-    flexible: GrayBoxModel,
-    simple: GrayBoxModel,
-    observations: Observations,
-    noise: Noise,
-    rng: np.random.Generator,
-) -> bool:
-    """Whether the flexible model's held-out errors are less, by more than a standard error.
-
-    Args:
-        flexible: the model in question.
-        simple: what would be used instead.
-        observations: all examples, outliers left out.
-        noise: of the observations.
-        rng: divides the examples, and starts the networks.
-    """
-    fold = rng.permutation(len(observations)) % _FOLDS
-    gains = np.subtract(
-        *(_held_out_squares(model, observations, noise, fold, rng) for model in (simple, flexible))
-    )
-    return bool(gains.mean() > gains.std(ddof=1) / math.sqrt(len(gains)))
-
-
-def _held_out_squares(
-    model: GrayBoxModel,
-    observations: Observations,
-    noise: Noise,
-    fold: NDArray[np.int64],
-    rng: np.random.Generator,
-) -> FloatArray:
-    """``(n,)`` squared residuals of each example by the fit without its fold."""
-    squares = np.empty(len(observations))
-    for number in range(_FOLDS):
-        held_out = observations.where(fold == number)
-        rest = observations.where(fold != number)
-        fitted = fit_parameters(model, rest, noise, model.start(rng))
-        where = model.positions_and_rotations(fitted.parameters, held_out.joint_positions)
-        squares[fold == number] = (held_out.residuals(*where, noise) ** 2).sum(axis=1)
-    return squares
-
-
-#: What may be used, the simplest first.
+#: Sets of parts of the model to choose from, the simplest first.
 CANDIDATES: tuple[frozenset[Part], ...] = (
     frozenset({Part.GEOMETRY}),
     frozenset({Part.GEOMETRY, Part.ALIGNMENT}),
@@ -89,25 +36,53 @@ CANDIDATES: tuple[frozenset[Part], ...] = (
     frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_NETWORKS}),
     frozenset(Part),
 )
-#: Where nobody says how well the poses were measured, to begin with [m], [rad].
+#: First noise if the dataset states none [m], [rad].
 _UNKNOWN_NOISE = Noise(5e-5, 5e-5)
-#: Random starts of the networks; the fits to few examples have other minima.
-_STARTS = 2
-#: Standard errors by which the closed form must find a model better to be believed at once.
+#: A gain of more than this many standard errors needs no cross-validation.
 _CLOSE = 4.0
-_EVALUATIONS = 100
-#: How often the noise is estimated anew.
+#: Number of times the noise is estimated anew.
 _NOISE_ROUNDS = 3
+_FOLDS = 5
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """Options of a calibration.
+
+    Attributes:
+        candidates: sets of parts of the model to choose from, the simplest first.
+
+    Raises:
+        InvalidValue: naming the option and what is allowed.
+    """
+
+    position_only: bool = setting(False, "Ignore the orientations: they were not measured.")
+    seed: int = setting(0, "Seed of the initial networks and of the error bound.", minimum=0)
+    candidates: tuple[frozenset[Part], ...] = CANDIDATES
+    restarts: int = setting(
+        2, "Number of fits from random initial networks; the best is used.", minimum=1, maximum=100
+    )
+    max_evaluations: int = setting(
+        100, "Most evaluations of the residuals in one fit.", minimum=1, maximum=100_000
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse options out of range."""
+        check_settings(self)
+        if not self.candidates or not all(Part.GEOMETRY in parts for parts in self.candidates):
+            allowed = "one set of parts or more, each with the geometry"
+            raise InvalidValue("candidates", self.candidates, allowed)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """How a model with some of the parts predicts examples that it was not fitted to.
+    """How well a model with some of the parts predicts poses that it was not fitted to.
 
     Attributes:
-        parts: what it uses.
-        parameters: how many that are.
-        score: mean square of the left-out residuals, in standard deviations of the noise.
+        parts: parts of the model.
+        parameters: number of its parameters.
+        score: mean square of the leave-one-out residuals, in squared standard deviations of the
+            noise: 1 is noise alone.
         standard_error: of the score.
     """
 
@@ -118,104 +93,142 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class LearnedRobot:
-    """A robot as learned from measured poses.
+class CalibratedRobot:
+    """A robot calibrated with measured poses.
 
     Attributes:
-        dataset: the measured poses.
-        fitted: the parameters, and how well they are known.
-        candidates: what could have been used; ``fitted.model.parts`` is.
-        outliers: ``(n,)`` which of the examples were left out.
-        seed: of the starts.
+        robot: the nominal robot with corrections; its definition carries them.
+        dataset: the measured poses, with the nominal robot.
+        estimate: the parameters of the model, and how well they are known.
+        candidates: the models that were compared; ``estimate.model.parts`` was chosen.
+        outliers: ``(n,)`` the examples that were left out.
+        unidentified: geometric errors that the poses don't identify; they stay near nominal.
+        options: options of the calibration.
         seconds: wall time.
     """
 
+    robot: Robot
     dataset: Dataset
-    fitted: FittedParameters
+    estimate: Estimate
     candidates: tuple[Candidate, ...]
     outliers: NDArray[np.bool_]
-    seed: int
+    unidentified: tuple[str, ...]
+    options: CalibrationOptions
     seconds: float
-
-    @cached_property
-    def robot(self) -> Robot:
-        """The nominal robot with the corrections; its definition carries them."""
-        fitted = self.fitted
-        corrections = replace(
-            fitted.model.corrections(fitted.parameters),
-            error_bound=error_bound_of(
-                fitted, self.measured_noise, np.random.default_rng(self.seed)
-            ),
-            provenance=self.provenance,
-        )
-        nominal = self.dataset.robot
-        definition = {**nominal.definition, "corrections": corrections.to_dict()}
-        return robot_from_definition(definition, f"learned {nominal.name}")
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """From what it was learned, and how, as plain data."""
-        noise = self.fitted.noise
-        return {
-            "examples": len(self.dataset),
-            "outliers": np.flatnonzero(self.outliers).tolist(),
-            "dataset_hash": self.dataset.content_hash,
-            "measurements_hash": self.dataset.measurements_hash,
-            "position_only": not self.fitted.observations.has_orientation,
-            "parts": sorted(part.value for part in self.fitted.model.parts),
-            "position_noise": noise.position,
-            "orientation_noise": noise.orientation,
-            "unidentified": list(self.unidentified),
-            "seed": self.seed,
-        }
-
-    @property
-    def measured_noise(self) -> Noise:
-        """What the measurements' own spread says; else all that the model leaves unexplained."""
-        noise = self.dataset.measurement_noise
-        return self.fitted.noise if noise is None else Noise(*noise)
-
-    @property
-    def unidentified(self) -> tuple[str, ...]:
-        """Geometric errors that these examples say little of; they stay near the nominal."""
-        return unidentified_parameters(self.fitted)
+        """How the robot was calibrated, as plain data; its definition carries this too."""
+        return dict(self.robot.definition["corrections"]["provenance"])
 
 
-def learn_robot(dataset: Dataset, seed: int = 0, *, position_only: bool = False) -> LearnedRobot:
-    """Learn a robot from measured poses.
+def calibrate(
+    robot: Robot, dataset: Dataset, options: CalibrationOptions | None = None
+) -> CalibratedRobot:
+    """Calibrate an arm with measured poses.
 
     Args:
-        dataset: joint positions as commanded and poses as measured; its robot is the nominal one.
-        seed: of the starts of the networks.
-        position_only: the orientations were not measured and mean nothing.
+        robot: the nominal arm.
+        dataset: joint positions as commanded, and measured poses of the end effector frame in the
+            base frame.
+        options: options of the calibration.
 
     Raises:
-        UnsupportedRobot: if it is no nominal arm.
+        UnsupportedRobot: if the robot is no nominal arm.
+        RobotMismatch: if the poses were measured with other joints or frames.
         TooFewMeasurements: naming the least number.
-        TooManyOutliers: if the poses are not this robot's.
-        UnexplainedMeasurements: likewise.
+        UnexplainedMeasurements: if the poses are not this robot's.
         ImplausibleErrors: if they are another robot's.
         DegenerateExamples: naming the joints to move.
-        NonFiniteValue: if a number is none.
+        NonFiniteValue: if a number is not finite.
     """
     begin = time.perf_counter()
-    nominal_kinematics(dataset.robot)
-    observations = Observations.of(dataset, position_only=position_only)
+    options = options or CalibrationOptions()
+    nominal_kinematics(robot)
+    if not is_measured_alike(robot, dataset.robot):
+        raise RobotMismatch("the measured dataset", _described(robot), _described(dataset.robot))
+    dataset = replace(dataset, robot=robot)
+    observations = Observations.of(dataset, position_only=options.position_only)
     with one_thread():
-        fitted, candidates, outliers = _learn(dataset, observations, seed)
-    return LearnedRobot(dataset, fitted, candidates, outliers, seed, time.perf_counter() - begin)
+        found, candidates, outliers = _estimate(dataset, observations, options)
+    unidentified = unidentified_parameters(found)
+    # What the measurements' own spread says, or else all that the model leaves unexplained.
+    noise = dataset.measurement_noise
+    corrections = replace(
+        found.model.corrections(found.parameters),
+        error_bound=error_bound_of(
+            found,
+            found.noise if noise is None else Noise(*noise),
+            np.random.default_rng(options.seed),
+        ),
+        provenance={
+            "examples": len(dataset),
+            "outliers": np.flatnonzero(outliers).tolist(),
+            "dataset_hash": dataset.content_hash,
+            "measurements_hash": dataset.measurements_hash,
+            "position_only": options.position_only,
+            "parts": sorted(part.value for part in found.model.parts),
+            "position_noise": found.noise.position,
+            "orientation_noise": found.noise.orientation,
+            "unidentified": list(unidentified),
+            "seed": options.seed,
+        },
+    )
+    definition = {**robot.definition, "corrections": corrections.to_dict()}
+    return CalibratedRobot(
+        robot_from_definition(definition, f"calibrated {robot.name}"),
+        dataset,
+        found,
+        candidates,
+        outliers,
+        unidentified,
+        options,
+        time.perf_counter() - begin,
+    )
 
 
-def with_nominal(dataset: Dataset, nominal: Robot) -> Dataset:
-    """The same measured poses, for another description of the robot.
+def predicts_better(
+    flexible: ParametricModel,
+    simple: ParametricModel,
+    observations: Observations,
+    noise: Noise,
+    rng: np.random.Generator,
+) -> bool:
+    """Whether the flexible model's held-out errors are smaller by more than a standard error.
 
-    Raises:
-        RobotMismatch: if that has other joints, or other frames that poses are between.
+    The closed form for leaving one example out takes the networks for linear, and so flatters
+    flexible models. This cross-validation fits them to parts of the examples instead.
+
+    Args:
+        flexible: the model in question.
+        simple: the alternative.
+        observations: all examples without outliers.
+        noise: of the observations.
+        rng: draws the folds and the initial networks.
     """
-    measured = dataset.robot
-    if not is_measured_alike(nominal, measured):
-        raise RobotMismatch("the measured poses", _described(nominal), _described(measured))
-    return replace(dataset, robot=nominal)
+    fold = rng.permutation(len(observations)) % _FOLDS
+    gains = np.subtract(
+        *(_held_out_squares(model, observations, noise, fold, rng) for model in (simple, flexible))
+    )
+    return bool(gains.mean() > gains.std(ddof=1) / math.sqrt(len(gains)))
+
+
+def _held_out_squares(
+    model: ParametricModel,
+    observations: Observations,
+    noise: Noise,
+    fold: NDArray[np.int64],
+    rng: np.random.Generator,
+) -> FloatArray:
+    """``(n,)`` squared residuals of each example by the fit without its fold."""
+    squares = np.empty(len(observations))
+    for number in range(_FOLDS):
+        held_out = observations.where(fold == number)
+        rest = observations.where(fold != number)
+        found = estimate(model, rest, noise, model.start(rng))
+        where = model.positions_and_rotations(found.parameters, held_out.joint_positions)
+        squares[fold == number] = (held_out.residuals(*where, noise) ** 2).sum(axis=1)
+    return squares
 
 
 def _described(robot: Robot) -> str:
@@ -223,61 +236,67 @@ def _described(robot: Robot) -> str:
     return f"{robot.name} ({', '.join(robot.joint_names)}; {frames})"
 
 
-def _learn(
-    dataset: Dataset, observations: Observations, seed: int
-) -> tuple[FittedParameters, tuple[Candidate, ...], NDArray[np.bool_]]:
-    rng = np.random.default_rng(seed)
+def _estimate(
+    dataset: Dataset, observations: Observations, options: CalibrationOptions
+) -> tuple[Estimate, tuple[Candidate, ...], NDArray[np.bool_]]:
+    rng = np.random.default_rng(options.seed)
     robot = dataset.robot
-    _check_number(robot, observations, 0)
+    simplest = ParametricModel(robot, options.candidates[0])
+    _check_number(simplest, observations, 0)
     noise = _UNKNOWN_NOISE
     if dataset.measurement_noise is not None:
         noise = _at_least(Noise(*dataset.measurement_noise))
-    models = stiff_and_flexible(GrayBoxModel(robot, CANDIDATES[0]))
-    outliers = find_outliers(models, observations, noise, rng)
+    outliers = find_outliers(stiff_and_flexible(robot), observations, noise, rng)
     kept = observations.where(~outliers)
-    _check_number(robot, kept, int(outliers.sum()))
-    fits = [_fit(GrayBoxModel(robot, parts), kept, noise, rng) for parts in CANDIDATES]
-    candidates = tuple(_judged(fitted) for fitted in fits)
-    fitted = fits[_confirmed(robot, _chosen(candidates), candidates, kept, noise, rng)]
+    _check_number(simplest, kept, int(outliers.sum()))
+    fits = [
+        _best_estimate(ParametricModel(robot, parts), kept, noise, options, rng)
+        for parts in options.candidates
+    ]
+    candidates = tuple(_judged(found) for found in fits)
+    found = fits[_confirmed(robot, _chosen(candidates), candidates, kept, noise, rng)]
     for _ in range(_NOISE_ROUNDS):
-        noise = estimated_noise(fitted, dataset.measurement_noise)
-        fitted = fit_parameters(fitted.model, kept, noise, fitted.parameters, _EVALUATIONS)
-    check_examples(fitted, rng)
-    return fitted, candidates, outliers
+        noise = estimated_noise(found, dataset.measurement_noise)
+        found = estimate(found.model, kept, noise, found.parameters, options.max_evaluations)
+    check_examples(found, rng)
+    return found, candidates, outliers
 
 
-def _check_number(robot: Robot, observations: Observations, outliers: int) -> None:
-    parameters = GrayBoxModel(robot, CANDIDATES[0]).size
-    least = math.ceil(2 * parameters / observations.rows)
+def _check_number(simplest: ParametricModel, observations: Observations, outliers: int) -> None:
+    least = math.ceil(2 * simplest.size / observations.rows)
     if len(observations) < least:
         raise TooFewMeasurements(len(observations), least, outliers)
 
 
 def _at_least(noise: Noise) -> Noise:
-    """Noise that can be divided by: an ideal robot's measurements have none [m], [rad]."""
+    """Noise that residuals can be divided by: an ideal robot's measurements have none."""
     return Noise(max(noise.position, 1e-7), max(noise.orientation, 1e-7))
 
 
-def _fit(
-    model: GrayBoxModel, observations: Observations, noise: Noise, rng: np.random.Generator
-) -> FittedParameters:
-    """The best of some starts."""
-    starts = _STARTS if Part.JOINT_NETWORKS in model.parts else 1
+def _best_estimate(
+    model: ParametricModel,
+    observations: Observations,
+    noise: Noise,
+    options: CalibrationOptions,
+    rng: np.random.Generator,
+) -> Estimate:
+    """The best of the restarts, of which a model without networks needs one."""
+    restarts = options.restarts if Part.JOINT_NETWORKS in model.parts else 1
     fits = [
-        fit_parameters(model, observations, noise, model.start(rng), _EVALUATIONS)
-        for _ in range(starts)
+        estimate(model, observations, noise, model.start(rng), options.max_evaluations)
+        for _ in range(restarts)
     ]
-    return min(fits, key=lambda fitted: fitted.cost)
+    return min(fits, key=lambda found: found.cost)
 
 
-def _judged(fitted: FittedParameters) -> Candidate:
-    squares = (fitted.left_out_residuals**2).mean(axis=1)
+def _judged(found: Estimate) -> Candidate:
+    squares = (found.left_out_residuals**2).mean(axis=1)
     error = float(squares.std(ddof=1)) / math.sqrt(len(squares))
-    return Candidate(fitted.model.parts, fitted.model.size, float(squares.mean()), error)
+    return Candidate(found.model.parts, found.model.size, float(squares.mean()), error)
 
 
 def _chosen(candidates: tuple[Candidate, ...]) -> int:
-    """The simplest whose score is the best but for one standard error."""
+    """The simplest candidate within one standard error of the best."""
     best = min(candidates, key=lambda candidate: candidate.score)
     return next(
         index
@@ -294,7 +313,7 @@ def _confirmed(
     noise: Noise,
     rng: np.random.Generator,
 ) -> int:
-    """The choice, or the best simpler candidate, if the choice was close and does not hold."""
+    """The choice; or, if it was close and fails cross-validation, the best simpler candidate."""
     if chosen == 0:
         return chosen
     simpler = min(range(chosen), key=lambda index: candidates[index].score)
@@ -302,26 +321,26 @@ def _confirmed(
     if gain > _CLOSE * candidates[simpler].standard_error:
         return chosen
     flexible, simple = (
-        GrayBoxModel(robot, candidates[index].parts) for index in (chosen, simpler)
+        ParametricModel(robot, candidates[index].parts) for index in (chosen, simpler)
     )
     return chosen if predicts_better(flexible, simple, observations, noise, rng) else simpler
 
 
-def estimated_noise(fitted: FittedParameters, known: tuple[float, float] | None) -> Noise:
-    """What a fit leaves unexplained, by the degrees of freedom that it leaves.
+def estimated_noise(found: Estimate, known: tuple[float, float] | None) -> Noise:
+    """Noise by the residuals of a fit and its degrees of freedom.
 
     Args:
-        fitted: the fit.
-        known: spread of the measurements [m], [rad], below which there is no noise.
+        found: the fit.
+        known: spread of the measurements [m], [rad], a lower bound.
     """
-    squares, leverages = fitted.residuals**2, fitted.leverages
+    squares, leverages = found.residuals**2, found.leverages
     taken = np.einsum("nrr->r", leverages)
     factors = []
     for rows in (slice(0, 3), slice(3, 6)):
         left = squares[:, rows].size - float(taken[rows].sum())
         total = float(squares[:, rows].sum())
         factors.append(math.sqrt(total / left) if left > 0.0 else 1.0)
-    noise = Noise(fitted.noise.position * factors[0], fitted.noise.orientation * factors[1])
+    noise = Noise(found.noise.position * factors[0], found.noise.orientation * factors[1])
     if known is not None:
         noise = Noise(max(noise.position, known[0]), max(noise.orientation, known[1]))
     return _at_least(noise)

@@ -1,4 +1,4 @@
-"""Why a robot can't be learned from measured poses."""
+"""Exceptions of the calibration."""
 
 from __future__ import annotations
 
@@ -9,23 +9,16 @@ from pathlib import Path
 from annik_core.errors import AnnikError
 
 
-class MeasuredFitError(AnnikError):
-    """Base of what can be wrong with a fit to measured poses."""
+class CalibrationError(AnnikError):
+    """Base of what can be wrong with measured poses or a calibrated robot."""
 
 
-class UnsupportedRobot(MeasuredFitError):
-    """The robot is not a nominal arm."""
+class NotMeasured(CalibrationError):
+    """The poses of a dataset were computed, such as those of a plan.
 
-    def __init__(self, name: str, kind: str) -> None:
-        self.name = name
-        super().__init__(
-            f"{name} ({kind}) can't be learned from measured poses: that takes the nominal "
-            "description of an arm, a packaged one or a URDF"
-        )
-
-
-class NotMeasured(MeasuredFitError):
-    """The poses are computed ones, such as those of a plan."""
+    Attributes:
+        path: the dataset.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -35,66 +28,106 @@ class NotMeasured(MeasuredFitError):
         )
 
 
-class TooFewMeasurements(MeasuredFitError):
-    """There are fewer measured numbers than a robot's geometry needs."""
+class TooFewMeasurements(CalibrationError):
+    """There are fewer measured numbers than the geometry of the robot needs.
+
+    Attributes:
+        examples: number of measured poses, without outliers.
+        least: least number.
+        outliers: number of outliers.
+    """
 
     def __init__(self, examples: int, least: int, outliers: int) -> None:
         self.examples = examples
         self.least = least
-        refused = f" besides {outliers} outliers" if outliers else ""
-        super().__init__(
-            f"{examples} measured poses{refused} can't tell the geometry of the robot: measure at "
-            f"least {least}, better 50 to 100, all over the working box"
-        )
-
-
-class TooManyOutliers(MeasuredFitError):
-    """The measured poses contradict each other, or are not this robot's."""
-
-    def __init__(self, outliers: int, examples: int) -> None:
         self.outliers = outliers
+        left_out = f" besides {outliers} outliers" if outliers else ""
         super().__init__(
-            f"{outliers} of {examples} measured poses are far from where any model of the robot "
-            "has them: check that the joint positions and poses belong together, and that the "
-            "poses are of the end effector frame in the base frame"
+            f"{examples} measured poses{left_out} can't determine the geometry of the robot: "
+            f"measure at least {least}, better 50 to 100, all over the joint box"
         )
 
 
-class UnexplainedMeasurements(MeasuredFitError):
-    """The measured poses are nowhere near those of any model of the robot."""
+class UnexplainedMeasurements(CalibrationError):
+    """No model of the robot explains the measured poses.
 
-    def __init__(self, position: float, orientation: float) -> None:
-        self.position = position
-        self.orientation = orientation
+    Attributes:
+        finding: how the poses differ from those of the nearest model.
+    """
+
+    def __init__(self, finding: str) -> None:
+        self.finding = finding
         super().__init__(
-            f"the measured poses are {1e3 * position:.2g} mm and {math.degrees(orientation):.2g} "
-            "degrees from the nearest model of the robot, more than its description can be: check "
-            "that the joint positions and poses belong together, that they are in metres, radians "
-            "and quaternions x, y, z, w, and that the poses are of the end effector frame in the "
-            "base frame"
+            f"{finding}: check that the joint positions and poses belong together, that they are "
+            "in metres, radians and quaternions x, y, z, w, and that the poses are of the end "
+            "effector frame in the base frame"
         )
 
 
-class ImplausibleErrors(MeasuredFitError):
-    """The robot that the measured poses fit is not the one that is described."""
+class ImplausibleErrors(CalibrationError):
+    """The calibrated robot is another one than the nominal robot.
+
+    Attributes:
+        names: the geometric errors that are too large, the largest first.
+    """
 
     def __init__(self, names: Sequence[str], amounts: Sequence[str]) -> None:
         self.names = tuple(names)
         listed = "; ".join(f"{name} {amount}" for name, amount in zip(names, amounts, strict=True))
         super().__init__(
-            f"the poses were measured on another robot, or in another frame: to explain them, "
-            f"this one's description would have to be wrong by {listed}"
+            "the poses were measured on another robot, or in another frame: the description would "
+            f"have to be wrong by {listed}"
         )
 
 
-class DegenerateExamples(MeasuredFitError):
-    """The examples don't say how the robot moves in a part of its working box."""
+class DegenerateExamples(CalibrationError):
+    """The measured poses don't determine the robot in a part of its joint box.
 
-    def __init__(self, expected: str, part: float, joints: tuple[str, ...]) -> None:
+    Attributes:
+        expected: error to expect there, as a position [m] and an angle [rad].
+        fraction: the same relative to a robot that was not measured at all.
+        joints: joints to move further.
+    """
+
+    def __init__(
+        self, expected: tuple[float, float], fraction: float, joints: tuple[str, ...]
+    ) -> None:
+        self.expected = expected
+        self.fraction = fraction
         self.joints = joints
         super().__init__(
-            f"after these examples errors of {expected} are still to be expected in the working "
-            f"box, up to {part:.0%} of what a robot not measured at all has: measure poses in "
-            f"which {', '.join(joints)} {'is' if len(joints) == 1 else 'are'} moved through the "
-            "whole box"
+            f"with these poses, errors of {1e3 * expected[0]:.2g} mm and "
+            f"{math.degrees(expected[1]):.2g} degrees remain in the joint box, {fraction:.0%} of "
+            f"those without any measurement: measure poses in which {', '.join(joints)} "
+            f"{'moves' if len(joints) == 1 else 'move'} through the whole box"
+        )
+
+
+class NotCalibrated(CalibrationError):
+    """The robot of a model was not calibrated.
+
+    Attributes:
+        robot: name of the robot.
+    """
+
+    def __init__(self, robot: str) -> None:
+        self.robot = robot
+        super().__init__(
+            f"the model is for {robot} as described: there is no before and after; annik "
+            "calibrate makes a calibrated one"
+        )
+
+
+class NotHeldOut(CalibrationError):
+    """The robot of a model was calibrated with these very poses.
+
+    Attributes:
+        examples: number of poses.
+    """
+
+    def __init__(self, examples: int) -> None:
+        self.examples = examples
+        super().__init__(
+            f"the model was calibrated with these {examples} poses, so they can't test it: "
+            "measure others, such as those of a design with another --seed"
         )

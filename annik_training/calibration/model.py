@@ -1,10 +1,9 @@
-"""Forward kinematics with everything that may differ from the nominal ones as parameters.
+"""Parametric forward kinematics of an arm, for its calibration.
 
 ``pose = base * product of (placement, joint motion, geometric errors) * tool * exp(motion)``: the
-nominal chain with its geometric errors (:mod:`kinematic_errors`), joints that are moved
-to ``q + network(q)``, and a small motion of the end effector that depends on all joints. All
-parameters are in natural units: each is as likely to be one as any other, by the Gaussian prior of
-unit variance that the fit puts on them.
+nominal chain with geometric errors (:mod:`annik_core.robots.kinematic_errors`), joint positions
+``q + network(q)``, and a small motion of the end effector that depends on all joints. Parameters
+are in natural units, in which their prior is Gaussian with unit variance.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ from annik_core.robots.kinematic_errors import (
     placements_of,
 )
 from annik_core.robots.robot import Robot
-from annik_training.calibration.errors import UnsupportedRobot
+from annik_training.errors import UnsupportedRobot
 
 
 class Part(Enum):
-    """A part of the model that a fit may use or leave out."""
+    """A part of the model that a calibration may use or leave out."""
 
     GEOMETRY = "geometry"
     ALIGNMENT = "alignment"
@@ -39,34 +38,34 @@ class Part(Enum):
     POSE_NETWORK = "pose network"
 
 
-#: What Denavit and Hartenberg's parameters leave out; but for the end effector, of which their
-#: four say too little to do without.
+#: Errors that Denavit and Hartenberg's parameters can't express. Those of the end effector are
+#: part of the geometry: four parameters are too few for it.
 _ALIGNMENTS = (ErrorKind.ALIGNMENT_OF_BASE, ErrorKind.LINK_ALIGNMENT)
-#: Hidden units of each joint's network: enough for one period of a gear error in a working box.
+#: Hidden units of each joint's network: enough for one period of a gear error in a joint box.
 JOINT_UNITS = 4
 #: Hidden units of the network of the end effector's motion.
 POSE_UNITS = 6
 
 _DEGREE = np.pi / 180.0
-#: What is one in natural units: of an angle [rad] and of a length [m], by the kind of error.
+#: Natural units of angles [rad] and lengths [m], by the kind of error.
 _ANGLES = {ErrorKind.JOINT_ZERO: 0.5 * _DEGREE}
 _ANGLE, _LENGTH = 0.3 * _DEGREE, 1e-3
-#: Of a joint network's output [rad] or, of a prismatic joint, [m].
+#: Of a joint network's output, revolute [rad] and prismatic [m].
 _JOINT_ANGLE, _JOINT_LENGTH = 0.3 * _DEGREE, 0.3e-3
-#: Of a hidden unit's slope over the half width of the box.
-_SLOPE = 1.5
-#: Of the pose network's outputs: three linear [m], three angular [rad].
+#: Of a hidden unit's input weight, per half width of the joint box.
+_INPUT_WEIGHT = 1.5
+#: Of the pose network's outputs: linear [m], angular [rad].
 _MOTION = np.array([2e-4, 2e-4, 2e-4, 0.02 * _DEGREE, 0.02 * _DEGREE, 0.02 * _DEGREE])
 
 
 class Evaluated(NamedTuple):
-    """What a model says of some joint positions.
+    """Poses of a model and their derivatives.
 
     Attributes:
         positions: ``(n, 3)`` of the end effector in the base frame [m].
         rotations: ``(n, 3, 3)``.
         columns: ``(n, 6, p)`` derivatives by the parameters: linear [m] and angular [rad] motion
-            of the end effector in the axes of the base frame.
+            of the end effector in the base frame.
     """
 
     positions: FloatArray
@@ -75,7 +74,7 @@ class Evaluated(NamedTuple):
 
 
 class _Screw(NamedTuple):
-    """An axis in the base frame, about or along which something moves."""
+    """Axis of a rotation or translation, in the base frame."""
 
     is_rotation: bool
     direction: FloatArray
@@ -83,12 +82,12 @@ class _Screw(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class GrayBoxModel:
-    """The model of one arm.
+class ParametricModel:
+    """Parametric forward kinematics of one arm.
 
     Attributes:
         robot: the nominal arm.
-        parts: what of the model is used; the parameters of the other parts don't exist.
+        parts: parts of the model that have parameters.
     """
 
     robot: Robot
@@ -96,7 +95,7 @@ class GrayBoxModel:
 
     @cached_property
     def errors(self) -> tuple[GeometricError, ...]:
-        """The geometric errors that are parameters, in the order in which they act."""
+        """Geometric errors that are parameters, in the order of the chain."""
         return tuple(
             error
             for error in geometric_errors(nominal_kinematics(self.robot))
@@ -105,7 +104,7 @@ class GrayBoxModel:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """What each parameter is."""
+        """Names of the parameters."""
         names = [error.name for error in self.errors]
         if Part.JOINT_NETWORKS in self.parts:
             names += [
@@ -123,16 +122,16 @@ class GrayBoxModel:
         return len(self.names)
 
     def amount(self, error: GeometricError, parameter: float) -> float:
-        """How large a geometric error is [rad or m] by its parameter."""
+        """A geometric error [rad or m] by its parameter."""
         return parameter * _unit(error)
 
     def start(self, rng: np.random.Generator) -> FloatArray:
-        """Parameters ``(p,)`` to begin a fit at: the nominal robot, its networks at random."""
+        """Initial parameters ``(p,)``: the nominal robot with random networks."""
         start = np.zeros(self.size)
         networks = slice(len(self.errors), None)
         start[networks] = rng.normal(size=self.size - len(self.errors))
         joints, pose = self._split(start)
-        # With nothing to say at first, and different hidden units to say it with.
+        # Small outputs, from hidden units that differ.
         if joints is not None:
             joints[..., 0] *= 0.1
         if pose is not None:
@@ -142,12 +141,12 @@ class GrayBoxModel:
     def positions_and_rotations(
         self, parameters: FloatArray, joint_positions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """``(n, 3)`` and ``(n, 3, 3)`` for parameters ``(p,)``, joint positions ``(n, dof)``."""
+        """Positions ``(n, 3)`` [m] and rotations ``(n, 3, 3)`` at ``(p,)`` and ``(n, dof)``."""
         positions, rotations, _, _ = self._forward(parameters, joint_positions)
         return positions, rotations
 
     def evaluate(self, parameters: FloatArray, joint_positions: FloatArray) -> Evaluated:
-        """The same with the derivatives by the parameters."""
+        """The same, with derivatives by the parameters."""
         positions, rotations, screws, joint_screws = self._forward(parameters, joint_positions)
         columns = np.empty((len(joint_positions), 6, self.size))
         for index, (error, screw) in enumerate(zip(self.errors, screws, strict=True)):
@@ -157,24 +156,28 @@ class GrayBoxModel:
         if joints is not None:
             for index, screw in enumerate(joint_screws):
                 motion = _column(screw, positions)
-                slopes = self._joint_slopes(joints[index], joint_positions[:, index], index)
-                width = slopes.shape[1]
-                columns[:, :, place : place + width] = motion[:, :, None] * slopes[:, None, :]
+                by_parameter = self._joint_derivatives(
+                    joints[index], joint_positions[:, index], index
+                )
+                width = by_parameter.shape[1]
+                columns[:, :, place : place + width] = (
+                    motion[:, :, None] * by_parameter[:, None, :]
+                )
                 place += width
         if pose is not None:
             columns[:, :, place:] = self._pose_columns(pose, joint_positions, rotations)
         return Evaluated(positions, rotations, columns)
 
-    def correction_slopes(
+    def correction_derivatives(
         self, parameters: FloatArray, joint_positions: FloatArray, index: int
     ) -> FloatArray:
-        """``(n, 3 units)`` derivatives of one joint's correction by its network's parameters."""
+        """Derivatives ``(n, 3 units)`` of a joint's correction by its network's parameters."""
         joints, _ = self._split(parameters)
         assert joints is not None
-        return self._joint_slopes(joints[index], joint_positions[:, index], index)
+        return self._joint_derivatives(joints[index], joint_positions[:, index], index)
 
     def corrections(self, parameters: FloatArray) -> ArmCorrections:
-        """What a robot definition says of these parameters ``(p,)``."""
+        """Corrections of a robot's definition by parameters ``(p,)``."""
         amounts = parameters[: len(self.errors)] * [_unit(error) for error in self.errors]
         joints, pose = self._split(parameters)
         return ArmCorrections(
@@ -231,7 +234,7 @@ class GrayBoxModel:
         return POSE_UNITS * (self.robot.dof + 1 + 6)
 
     def _split(self, parameters: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
-        """Views of the joint networks' ``(dof, units, 3)`` and the pose network's parameters."""
+        """Views of the parameters of joint networks ``(dof, units, 3)`` and pose network."""
         rest = parameters[len(self.errors) :]
         joints = pose = None
         if Part.JOINT_NETWORKS in self.parts:
@@ -243,7 +246,7 @@ class GrayBoxModel:
 
     @cached_property
     def scale(self) -> tuple[FloatArray, FloatArray]:
-        """Centre and half width of the working box, one for a joint that is locked."""
+        """Centre and half width of the joint box; half width 1 for a locked joint."""
         box = self.robot.joint_box
         half = 0.5 * (box.upper - box.lower)
         return box.centre, np.where(half > 0.0, half, 1.0)
@@ -260,21 +263,21 @@ class GrayBoxModel:
     def _joint_networks(self, joints: FloatArray) -> JointNetworks:
         return JointNetworks(
             *self.scale,
-            _SLOPE * joints[..., 1],
+            _INPUT_WEIGHT * joints[..., 1],
             joints[..., 2].copy(),
             joints[..., 0] * self._joint_units[:, None],
         )
 
-    def _joint_slopes(
+    def _joint_derivatives(
         self, joint: FloatArray, joint_positions: FloatArray, index: int
     ) -> FloatArray:
-        """``(n, 3 units)`` derivatives of one joint's correction by its parameters."""
+        """Derivatives ``(n, 3 units)`` of one joint's correction by its parameters."""
         centre, half = (values[index] for values in self.scale)
         scaled = ((joint_positions - centre) / half)[:, None]
-        active = np.tanh(_SLOPE * joint[:, 1] * scaled + joint[:, 2])
+        active = np.tanh(_INPUT_WEIGHT * joint[:, 1] * scaled + joint[:, 2])
         inner = joint[:, 0] * (1.0 - active**2)
-        slopes = np.stack([active, inner * _SLOPE * scaled, inner], axis=-1)
-        flat: FloatArray = slopes.reshape(len(joint_positions), -1) * self._joint_units[index]
+        derivatives = np.stack([active, inner * _INPUT_WEIGHT * scaled, inner], axis=-1)
+        flat: FloatArray = derivatives.reshape(len(joint_positions), -1) * self._joint_units[index]
         return flat
 
     def _pose_network(self, pose: FloatArray) -> PoseNetwork:
@@ -289,7 +292,7 @@ class GrayBoxModel:
     def _pose_columns(
         self, pose: FloatArray, joint_positions: FloatArray, rotations: FloatArray
     ) -> FloatArray:
-        """``(n, 6, p)``; the motions are so small that their own turn does not count."""
+        """Derivatives ``(n, 6, p)``, to first order in the small motions."""
         network = self._pose_network(pose)
         scaled = (joint_positions - network.centre) / network.half_width
         active = network.activations(joint_positions)
@@ -308,16 +311,20 @@ def nominal_kinematics(robot: Robot) -> ArmKinematics:
     """An arm's own kinematics.
 
     Raises:
-        UnsupportedRobot: if it is no arm, or already a learned one.
+        UnsupportedRobot: if it is no arm, or calibrated already.
     """
     kinematics = robot.forward_kinematics
     if not isinstance(kinematics, ArmKinematics) or kinematics.placements is not None:
-        raise UnsupportedRobot(robot.name, robot.kind)
+        raise UnsupportedRobot(
+            "calibration",
+            f"{robot.name} ({robot.kind})",
+            "it needs the nominal description of an arm, a packaged one or a URDF",
+        )
     return kinematics
 
 
 def correction_name(joint: str) -> str:
-    """What the parameters of a joint's network are called."""
+    """Name of the parameters of a joint's network."""
     return f"{joint}: correction by its position"
 
 
@@ -326,7 +333,7 @@ def _unit(error: GeometricError) -> float:
 
 
 def _column(screw: _Screw, positions: FloatArray) -> FloatArray:
-    """``(n, 6)`` motion of the end effector by a unit of motion about or along an axis."""
+    """Motion ``(n, 6)`` of the end effector per unit of motion about or along an axis."""
     if not screw.is_rotation:
         return np.concatenate([screw.direction, np.zeros_like(screw.direction)], axis=1)
     linear = np.cross(screw.direction, positions - screw.point)
@@ -336,12 +343,12 @@ def _column(screw: _Screw, positions: FloatArray) -> FloatArray:
 def _after(
     rotation: FloatArray, position: FloatArray, motion: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotations ``(n, 3, 3)`` and positions ``(n, 3)`` after a motion ``(4, 4)`` of theirs."""
+    """Rotations ``(n, 3, 3)`` and positions ``(n, 3)`` followed by a motion ``(4, 4)``."""
     return rotation @ motion[:3, :3], position + rotation @ motion[:3, 3]
 
 
 def _turns(axis: FloatArray, angles: FloatArray) -> FloatArray:
-    """``(n, 3, 3)`` turns about one axis."""
+    """Rotations ``(n, 3, 3)`` about one axis."""
     return _exponentials(angles[:, None] * axis)
 
 

@@ -1,4 +1,4 @@
-"""Measured poses as a fit needs them."""
+"""Measured poses, their noise, and the residuals of a model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from annik_core.robots.robot import Robot
 
 
 def is_measured_alike(one: Robot, other: Robot) -> bool:
-    """Whether measured poses of one are of the other too: its joints, and between its frames."""
+    """Whether poses measured on one are of the other: same joints, same frames."""
     return (one.joint_names, one.base_frame, one.end_effector_frame) == (
         other.joint_names,
         other.base_frame,
@@ -48,8 +48,8 @@ class Observations:
         joint_positions: ``(n, dof)`` [rad or m].
         positions: ``(n, 3)`` [m].
         rotations: ``(n, 3, 3)``.
-        has_orientation: whether the rotations were measured too; if not, they mean nothing.
-        weights: ``(n,)`` how much each counts, 0 to 1.
+        has_orientation: whether the rotations were measured; if not, they are arbitrary.
+        weights: ``(n,)`` weight of each example, 0 to 1.
     """
 
     joint_positions: FloatArray
@@ -63,7 +63,7 @@ class Observations:
         """All examples of a dataset, with full weight.
 
         Raises:
-            NonFiniteValue: naming the first row that is not all numbers.
+            NonFiniteValue: naming the first row with a number that is not finite.
         """
         measured = 3 if position_only else 7
         for name, array in (
@@ -89,15 +89,15 @@ class Observations:
 
     @property
     def rows(self) -> int:
-        """Numbers per example that were measured."""
+        """Measured numbers per example."""
         return 6 if self.has_orientation else 3
 
     def weighted(self, weights: FloatArray) -> Observations:
-        """The same with other weights ``(n,)``."""
+        """The same examples with other weights ``(n,)``."""
         return replace(self, weights=weights)
 
     def where(self, keep: NDArray[np.bool_]) -> Observations:
-        """Those where ``keep`` ``(n,)`` is true."""
+        """The examples where ``keep`` ``(n,)`` is true."""
         return Observations(
             self.joint_positions[keep],
             self.positions[keep],
@@ -107,7 +107,7 @@ class Observations:
         )
 
     def residuals(self, positions: FloatArray, rotations: FloatArray, noise: Noise) -> FloatArray:
-        """``(n, rows)`` what a model says minus what was measured, in standard deviations."""
+        """Model minus measurement ``(n, rows)``, in standard deviations; base frame."""
         linear = (positions - self.positions) / noise.position
         if not self.has_orientation:
             return linear
@@ -115,9 +115,9 @@ class Observations:
         return np.concatenate([linear, turns.as_rotvec() / noise.orientation], axis=1)
 
     def derivatives(self, columns: FloatArray, noise: Noise) -> FloatArray:
-        """``(n, rows, p)`` of the residuals, from those of the pose ``(n, 6, p)``.
+        """Derivatives ``(n, rows, p)`` of the residuals, from those of the pose ``(n, 6, p)``.
 
-        To first order in the residuals' angles, which are small.
+        To first order in the angles of the residuals.
         """
         linear = columns[:, :3] / noise.position
         if not self.has_orientation:

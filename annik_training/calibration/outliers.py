@@ -1,4 +1,4 @@
-"""Measured poses that can't be true: a reflection, a marker that slipped, a swapped row."""
+"""Outliers among measured poses: a reflection, a marker that slipped, a swapped row."""
 
 from __future__ import annotations
 
@@ -7,56 +7,55 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from annik_core.pose import FloatArray
-from annik_training.calibration.errors import TooManyOutliers
-from annik_training.calibration.estimation import FittedParameters, fit_parameters
-from annik_training.calibration.model import GrayBoxModel, Part
+from annik_core.robots.robot import Robot
+from annik_training.calibration.errors import UnexplainedMeasurements
+from annik_training.calibration.estimation import Estimate, estimate
+from annik_training.calibration.model import ParametricModel, Part
 from annik_training.calibration.observations import Noise, Observations
 
-#: How unlikely a measurement must be by chance to count as an outlier.
+#: Probability by chance below which a measurement is an outlier.
 _IMPROBABLE = 1e-9
-#: More outliers than this part of the examples, and nothing can be said of the rest.
+#: Largest fraction of outliers; with more, the others can't be trusted either.
 _MOST = 0.3
-#: Least standard deviation that examples are held to [m]: nobody measures better.
+#: Least standard deviation that is assumed [m]; no instrument measures better.
 _LEAST_NOISE = 1e-6
 _ROUNDS = 6
 _EVALUATIONS = 25
 
 
 def find_outliers(
-    models: tuple[GrayBoxModel, GrayBoxModel],
+    models: tuple[ParametricModel, ParametricModel],
     observations: Observations,
     noise: Noise,
     rng: np.random.Generator,
 ) -> NDArray[np.bool_]:
-    """Which examples ``(n,)`` don't agree with the others.
+    """Examples ``(n,)`` that don't agree with the others.
 
-    The scale that they are held to is the median of all, so that nobody has to know the noise; but
-    where hardly anything is left unexplained, it is what the model can't say, or rounding.
-    A fit of the geometry alone, in which a far example counts the less the farther it is, finds
-    the gross ones. A fit of the joint networks too, to what is left, finds the others, and takes
-    back those that only the simple model could not explain.
+    Residuals are compared with their own median, so that the noise need not be known. A robust fit
+    of the geometry alone finds the gross outliers. Fits with joint networks to the remaining
+    examples find the others, and accept those that only the simple model could not explain.
 
     Args:
-        models: a stiff one and a flexible one.
-        observations: of all examples.
-        noise: assumed; only the ratio of its parts matters.
-        rng: for the start of the networks.
+        models: a stiff and a flexible model.
+        observations: all examples.
+        noise: assumed noise; only the ratio of position to orientation matters.
+        rng: draws the initial networks.
 
     Raises:
-        TooManyOutliers: if they are more than :data:`_MOST` of all.
+        UnexplainedMeasurements: if they are more than :data:`_MOST` of all.
     """
     stiff, flexible = models
-    fitted = fit_parameters(stiff, observations, noise, np.zeros(stiff.size), _EVALUATIONS)
+    fitted = estimate(stiff, observations, noise, np.zeros(stiff.size), _EVALUATIONS)
     for _ in range(_ROUNDS):
         weights = 1.0 / (1.0 + _squares(fitted) / observations.rows)
-        fitted = fit_parameters(
+        fitted = estimate(
             stiff, observations.weighted(weights), noise, fitted.parameters, _EVALUATIONS
         )
     outlying = _squares(fitted) > chi2.isf(_IMPROBABLE, observations.rows)
     start = flexible.start(rng)
     for _ in range(_ROUNDS):
         _check_number(outlying)
-        fitted = fit_parameters(
+        fitted = estimate(
             flexible, observations.weighted(1.0 * ~outlying), noise, start, 2 * _EVALUATIONS
         )
         start, before = fitted.parameters, outlying
@@ -67,17 +66,18 @@ def find_outliers(
     return np.asarray(outlying, dtype=np.bool_)
 
 
-def stiff_and_flexible(robot_model: GrayBoxModel) -> tuple[GrayBoxModel, GrayBoxModel]:
-    """The two models of :func:`find_outliers` for the robot of any model."""
-    robot = robot_model.robot
+def stiff_and_flexible(robot: Robot) -> tuple[ParametricModel, ParametricModel]:
+    """The two models of :func:`find_outliers`."""
     geometry = frozenset({Part.GEOMETRY, Part.ALIGNMENT})
-    return GrayBoxModel(robot, geometry), GrayBoxModel(robot, geometry | {Part.JOINT_NETWORKS})
+    return ParametricModel(robot, geometry), ParametricModel(
+        robot, geometry | {Part.JOINT_NETWORKS}
+    )
 
 
-def _squares(fitted: FittedParameters) -> FloatArray:
-    """``(n,)`` squared residuals by the fit to the others, in terms of their own median."""
+def _squares(fitted: Estimate) -> FloatArray:
+    """Squared leave-one-out residuals ``(n,)``, scaled by their median."""
     rows = fitted.observations.rows
-    # What has no weight was left out as it is.
+    # Examples of zero weight are left out of the fit, so their residuals count as they are.
     squares: FloatArray = (fitted.left_out_residuals**2).sum(axis=1)
     least = (_LEAST_NOISE / fitted.noise.position) ** 2
     scale = max(float(np.median(squares)) / float(chi2.median(rows)), least)
@@ -87,4 +87,7 @@ def _squares(fitted: FittedParameters) -> FloatArray:
 
 def _check_number(outlying: NDArray[np.bool_]) -> None:
     if outlying.mean() > _MOST:
-        raise TooManyOutliers(int(outlying.sum()), len(outlying))
+        raise UnexplainedMeasurements(
+            f"{int(outlying.sum())} of {len(outlying)} measured poses are far from those of any "
+            "model of the robot"
+        )

@@ -1,4 +1,4 @@
-"""How far off the nominal and the learned model are from poses measured on the robot."""
+"""Errors of the nominal and the calibrated robot at held-out measured poses."""
 
 from __future__ import annotations
 
@@ -9,51 +9,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from annik_core.dataset import Dataset
+from annik_core.errors import RobotMismatch
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_training.calibration.errors import MeasuredFitError
+from annik_training.calibration.errors import NotCalibrated, NotHeldOut
 from annik_training.calibration.observations import is_measured_alike
 
-#: Into how many regions the box of each joint is divided.
+#: Number of regions of each joint's interval.
 REGIONS = 3
-#: Length that 95 of 100 vectors of three independent coordinates stay below, in their standard
-#: deviations.
+#: 95th percentile of the length of three independent standard normal coordinates.
 _NOISE_BOUND = 2.795
-
-
-class NotHeldOut(MeasuredFitError):
-    """The model was learned from these very examples."""
-
-    def __init__(self, examples: int) -> None:
-        super().__init__(
-            f"the model was learned from these {examples} examples, so they say nothing of how "
-            "well: measure others, such as those of another --seed"
-        )
-
-
-class NotLearned(MeasuredFitError):
-    """The model was not learned from measured poses."""
-
-    def __init__(self, name: str) -> None:
-        super().__init__(
-            f"the model is for {name} as described, not as measured: there is no before and "
-            "after; annik fit makes one that is learned"
-        )
-
-
-class OtherRobotMeasured(MeasuredFitError):
-    """The poses were measured on another robot, or between other frames, than the model's."""
-
-    def __init__(self, measured: str, model: str) -> None:
-        super().__init__(f"the poses were measured on {measured}, the model is for {model}")
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredErrors:
-    """Errors of a model at measured poses, one per example.
-
-    A command of the inverse kinematics for the measured pose would miss it by as much.
+    """Errors of a robot's forward kinematics at measured poses, one per pose.
 
     Attributes:
         distances: ``(n,)`` [m].
@@ -64,20 +35,20 @@ class MeasuredErrors:
     angles: FloatArray
 
     def rows(self, keep: Any) -> MeasuredErrors:
-        """Those where ``keep`` ``(n,)`` is true."""
+        """The rows where ``keep`` ``(n,)`` is true."""
         return MeasuredErrors(self.distances[keep], self.angles[keep])
 
 
 class Region(NamedTuple):
-    """A part of the working box, by the position of one joint.
+    """A part of the joint box, by the position of one joint.
 
     Attributes:
-        joint: its name.
-        lower: where it begins [rad or m].
-        upper: where it ends.
-        examples: how many are there.
-        before: mean distance by the nominal model [m]; NaN without examples.
-        after: by the learned one.
+        joint: name of the joint.
+        lower: lower bound [rad or m].
+        upper: upper bound.
+        examples: number of poses.
+        before: mean distance of the nominal robot [m]; NaN without poses.
+        after: mean distance of the calibrated robot.
     """
 
     joint: str
@@ -90,15 +61,15 @@ class Region(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredEvaluation:
-    """Before and after, on held-out poses.
+    """Errors before and after a calibration, at held-out poses.
 
     Attributes:
         dataset: the held-out poses.
-        before: errors of the nominal model.
-        after: errors of the learned one.
-        bounds: ``(n, 2)`` distance [m] and angle [rad] that the model states for 95 of 100 poses.
-        regions: mean errors by joint and part of its box.
-        has_orientation: whether orientations were learned; if not, the angles mean nothing.
+        before: errors of the nominal robot.
+        after: errors of the calibrated robot.
+        bounds: ``(n, 2)`` stated 95 % bounds, distance [m] and angle [rad].
+        regions: mean errors by joint and part of its interval.
+        has_orientation: whether orientations were calibrated; if not, the angles are arbitrary.
     """
 
     dataset: Dataset
@@ -110,39 +81,39 @@ class MeasuredEvaluation:
 
     @property
     def bounds_of_measurements(self) -> FloatArray:
-        """``(n, 2)``: the bounds, widened by the noise of the measurements if it is known."""
+        """The bounds ``(n, 2)``, widened by the noise of the measurements if it is known."""
         noise = np.array(self.dataset.measurement_noise or (0.0, 0.0))
         return np.asarray(np.hypot(self.bounds, _NOISE_BOUND * noise), dtype=np.float64)
 
     @property
     def within_bounds(self) -> tuple[float, float]:
-        """Part of the measured distances and angles that are within these bounds."""
+        """Fraction of the measured distances and angles within these bounds."""
         errors = np.stack([self.after.distances, self.after.angles], axis=1)
         position, orientation = (errors <= self.bounds_of_measurements).mean(axis=0).tolist()
         return position, orientation
 
 
 def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
-    """Compare what a learned robot's definition says with poses measured on the robot.
+    """Errors of a calibrated robot, and of the nominal one, at measured poses.
 
     Args:
-        robot: the learned one, as its model file carries it.
-        dataset: measured poses that it was not learned from.
+        robot: the calibrated robot.
+        dataset: measured poses that it was not calibrated with.
 
     Raises:
-        NotLearned: if it was not learned from measured poses.
-        NotHeldOut: if it was learned from these.
-        OtherRobotMeasured: if the robot that they were measured on has other joints or frames.
+        NotCalibrated: if it was not calibrated.
+        NotHeldOut: if it was calibrated with these poses.
+        RobotMismatch: if they were measured with other joints or frames.
     """
     corrections = robot.definition.get("corrections")
     if corrections is None or robot.error_bound is None:
-        raise NotLearned(robot.name)
+        raise NotCalibrated(robot.name)
     provenance = corrections.get("provenance", {})
     if provenance.get("measurements_hash") == dataset.measurements_hash:
         raise NotHeldOut(len(dataset))
     nominal = robot_from_definition(robot.nominal_definition, robot.name)
     if not is_measured_alike(dataset.robot, nominal):
-        raise OtherRobotMeasured(dataset.robot.name, robot.name)
+        raise RobotMismatch("the measured dataset", robot.name, dataset.robot.name)
     before, after = _errors(nominal, dataset), _errors(robot, dataset)
     bounds = np.array([robot.error_bound.at(row) for row in dataset.joint_positions])
     regions = tuple(_regions(dataset, before, after))

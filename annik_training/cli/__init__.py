@@ -1,1 +1,80 @@
-"""The ``annik`` command line."""
+"""The ``annik`` command line: one file a command, loaded when the command is called."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from importlib import import_module
+
+import click
+
+from annik_core.errors import AnnikError, MissingDependency
+from annik_core.installation import VERSION
+
+#: Commands in the order of the work, and what ``annik --help`` says of each without loading it.
+COMMANDS: Mapping[str, str] = {
+    "robot": "Show a robot's joints, frames and joint box, and the branches in the box.",
+    "design": "Choose the joint positions of the examples by a design of experiments.",
+    "train": "Train a network on few examples and write it as a model file.",
+    "calibrate": "Calibrate an arm from measured poses and write its model file.",
+    "evaluate": "Measure a model's errors at random poses, or at measured ones.",
+    "info": "Check a model file and print its metadata.",
+    "convert": "Convert a model file of an older format: same weights, same joint positions.",
+    "report": "Report the tracking error in a bag: tables here, plots in report.html.",
+    "doctor": "Check this installation: libraries, ROS 2, models, a target over DDS.",
+}
+_RENAMED = {"fit": "calibrate"}
+#: The extra of setup.py that installs a library which only some commands need.
+_EXTRAS = {name: "training" for name in ("joblib", "onnxscript", "sympy", "torch")}
+
+
+class _LazyGroup(click.Group):
+    """Imports the file of a command when the command is called, not for the list of commands."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"annik_training.cli.{cmd_name}")
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] in _RENAMED:
+            ctx.fail(f"No such command {args[0]!r}. Did you mean {_RENAMED[args[0]]!r}?")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(VERSION, prog_name="annik")
+def cli() -> None:
+    """Learned inverse kinematics for ROS 2, from few examples."""
+
+
+def main() -> None:
+    """Run the command line; an error of annik is one line on stderr and exit code 1."""
+    try:
+        _run()
+    except AnnikError as error:
+        # Messages that quote a parser may have several lines.
+        click.echo(f"annik: {' '.join(str(error).split())}", err=True)
+        sys.exit(1)
+
+
+def _run() -> None:
+    try:
+        cli(standalone_mode=True)
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library not in _EXTRAS:
+            raise
+        remedy = f"install it with pip install '.[{_EXTRAS[library]}]'"
+        raise MissingDependency(library, "this command", remedy) from error

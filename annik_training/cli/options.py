@@ -1,76 +1,183 @@
-"""The command-line options that say which robot, and how an arm's frames and working box are."""
+"""Options that several commands share: robot, design of experiments, fit, files and seed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import click
+from rich.console import Console
 
-from annik_core.errors import AnnikError
+from annik_core.dataset import COMPUTED, Dataset, load_dataset
+from annik_core.errors import InvalidValue
+from annik_core.files import ensure_writable_folder, write_files_atomically
+from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
+from annik_core.settings import Setting, settings_of
+from annik_training.calibration.errors import NotMeasured
+from annik_training.defaults import DEFAULT_EVALUATION_POSES, DEFAULTS, defaults_of
+from annik_training.designs.registry import DESIGNS, DesignOption, design_names, find_design
+from annik_training.designs.sampling import generate_dataset
+from annik_training.fitting.options import FitOptions
 
-#: Names of the options below, as a command receives them.
-ROBOT_OPTIONS = ("robot", "base_frame", "end_effector_frame", "joint_box")
+FILE = click.Path(dir_okay=False, path_type=Path)
+PATH = click.Path(path_type=Path)
+SEED = click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all randomness."
+)
+EVALUATION_POSES = click.option(
+    "--evaluation-poses",
+    type=click.IntRange(1),
+    default=DEFAULT_EVALUATION_POSES,
+    show_default=True,
+    help="Number of random poses of the evaluation.",
+)
+SUMMARY = click.option("--summary", type=FILE, help="Also write the results as JSON.")
+#: The designs of experiments and the default one, in words.
+DESIGN_NAMES = ", ".join(design_names())
+DEFAULT_DESIGN = "; ".join(
+    f"{kind}: {usual.design} with {DESIGNS[usual.design].size.flag} {usual.size}"
+    for kind, usual in DEFAULTS.items()
+)
+
+_ROBOT_OPTIONS = ("robot", "base_frame", "end_effector_frame", "joint_box")
+_FIT_FLAGS = {
+    field.name: field.metadata["flag"] for field in fields(FitOptions) if "flag" in field.metadata
+}
+#: Names of the options of :func:`fit_options`, as a command receives them.
+FIT_NAMES = tuple(_FIT_FLAGS)
 
 
 def robot_options(command: Any) -> Any:
-    """The options of a command that works on a robot."""
-    for option in reversed(
-        (
-            click.option(
-                "--robot",
-                default="gantry",
-                show_default=True,
-                help="Packaged robot, a definition (.yaml) or a URDF (.urdf).",
-            ),
-            *_frame_options(),
-        )
-    ):
-        command = option(command)
-    return command
+    """Options of a command that works on a robot."""
+    robot = click.option(
+        "--robot",
+        default="gantry",
+        show_default=True,
+        help="Packaged robot, a definition (.yaml) or a URDF (.urdf).",
+    )
+    return _with_options(command, (robot, *_frame_options()))
 
 
 def robot_argument(command: Any) -> Any:
     """The same, with the robot as the command's argument."""
-    for option in reversed((click.argument("robot"), *_frame_options())):
+    return _with_options(command, (click.argument("robot"), *_frame_options()))
+
+
+def chosen_robot(choices: dict[str, Any]) -> Robot:
+    """Load the robot that the options name; they are taken out of the choices.
+
+    Raises:
+        RobotError: see :func:`annik_core.robots.library.load_robot`.
+    """
+    robot, base_frame, end_effector_frame, joint_box = (
+        choices.pop(name) for name in _ROBOT_OPTIONS
+    )
+    return load_robot(
+        robot,
+        base_frame=base_frame,
+        end_effector_frame=end_effector_frame,
+        joint_box=dict(map(_bounds, joint_box)) or None,
+    )
+
+
+def design_options(command: Any) -> Any:
+    """Sizes and options of the designs, as the registry has them."""
+    users: dict[str, list[str]] = {}
+    known: dict[str, DesignOption] = {}
+    for design in DESIGNS.values():
+        for option in (design.size, *design.options):
+            users.setdefault(option.flag, []).append(design.name)
+            known[option.flag] = option
+    return _with_options(
+        command,
+        (
+            click.option(
+                flag,
+                option.name,
+                type=bool if option.default is False else int,
+                is_flag=option.default is False,
+                default=None,
+                help=f"{', '.join(users[flag])}: {option.meaning}"
+                + ("." if option.default is False else f" (default {option.default})."),
+            )
+            for flag, option in known.items()
+        ),
+    )
+
+
+def chosen_dataset(seed: int, choices: dict[str, Any]) -> Dataset:
+    """Compute the examples that the options of robot and design ask for."""
+    robot = chosen_robot(choices)
+    named = choices.pop("design")
+    usual = defaults_of(robot)
+    design = find_design(named or usual.design)
+    # By identity: 0 equals False, but was given.
+    given = {
+        name: value for name, value in choices.items() if value is not None and value is not False
+    }
+    size = given.pop(design.size.name, None)
+    if size is None:
+        size = design.size.default if named else usual.size
+        Console().print(f"{design.name}: {design.size.flag} is {size}, the default")
+    return generate_dataset(robot, design.name, size, seed, given)
+
+
+def fit_options(command: Any) -> Any:
+    """Options of the fit, as :class:`FitOptions` has them; left out, as suits the robot."""
+    options = (option for option in settings_of(FitOptions) if option.name in _FIT_FLAGS)
+    return _with_options(command, map(_fit_option, options))
+
+
+def chosen_fit(robot: Robot, seed: int, choices: dict[str, Any]) -> FitOptions:
+    """The robot's default options of the fit, changed by the choices."""
+    changes = {name: value for name, value in choices.items() if value is not None}
+    return replace(defaults_of(robot).fit, seed=seed, **changes)
+
+
+def measured_dataset(path: Path) -> Dataset:
+    """Load measured poses; computed ones would calibrate a robot that does not exist.
+
+    Raises:
+        NotMeasured: if the poses were computed.
+    """
+    dataset = load_dataset(path)
+    if dataset.source == COMPUTED:
+        raise NotMeasured(path)
+    return dataset
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file, and its folder if it does not exist.
+
+    Raises:
+        NotWritable: naming the path.
+    """
+    ensure_writable_folder(path.parent)
+    write_files_atomically(
+        path.parent, {path.name: content.encode() if isinstance(content, str) else content}
+    )
+
+
+def _with_options(command: Any, options: Iterable[Any]) -> Any:
+    for option in reversed(list(options)):
         command = option(command)
     return command
 
 
 def _frame_options() -> tuple[Any, ...]:
     return (
-        click.option("--base-frame", help="Of an arm: the link that poses are given in."),
-        click.option("--end-effector-frame", help="Of an arm: the link whose pose it is."),
+        click.option("--base-frame", help="Of an arm: the link in which poses are given."),
+        click.option("--end-effector-frame", help="Of an arm: the link whose pose is given."),
         click.option(
             "--joint-box",
             multiple=True,
             metavar="JOINT=LOWER:UPPER",
-            help="Of an arm: where a joint works [rad or m]; once for each joint. JOINT=VALUE "
-            "locks it; the last one for a joint counts.",
+            help="Of an arm: interval of a joint [rad or m], inside its limits; once for each "
+            "joint. JOINT=VALUE locks it; the last one for a joint counts.",
         ),
-    )
-
-
-def chosen_robot(
-    robot: str,
-    base_frame: str | None,
-    end_effector_frame: str | None,
-    joint_box: Sequence[str],
-) -> Robot:
-    """The robot that the options name.
-
-    Raises:
-        RobotError: see :func:`annik_core.robots.library.load_robot`.
-    """
-    from annik_core.robots.library import load_robot
-
-    return load_robot(
-        Path(robot) if Path(robot).suffix else robot,
-        base_frame=base_frame,
-        end_effector_frame=end_effector_frame,
-        joint_box=dict(map(_bounds, joint_box)) or None,
     )
 
 
@@ -82,13 +189,38 @@ def _bounds(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         numbers = []
     if not joint or not equals or len(numbers) not in (1, 2):
-        raise InvalidJointBox(text)
+        raise InvalidValue("--joint-box", text, "JOINT=LOWER:UPPER or JOINT=VALUE [rad or m]")
     return joint, (numbers[0], numbers[-1])
 
 
-class InvalidJointBox(AnnikError):
-    """An entry of a joint box can't be read."""
+def _fit_option(option: Setting) -> Any:
+    """The command-line option of a field of :class:`FitOptions`."""
+    flag = _FIT_FLAGS[option.name]
+    defaults = "; ".join(
+        f"{kind}: {_shown(getattr(usual.fit, option.name))}" for kind, usual in DEFAULTS.items()
+    )
+    settings: dict[str, Any] = {"type": type(option.default)}
+    if isinstance(option.default, bool):
+        flag = f"{flag}/--no-{flag.removeprefix('--')}"
+        settings = {"default": None}
+    elif isinstance(option.default, tuple):
+        settings = {"callback": _integers}
+    elif option.choices:
+        settings = {"type": click.Choice(option.choices)}
+    sentence = f"{option.description} Default: {defaults}."
+    return click.option(flag, option.name, help=sentence, **settings)
 
-    def __init__(self, text: str) -> None:
-        self.text = text
-        super().__init__(f"--joint-box {text!r} is not of the form JOINT=LOWER:UPPER [rad or m]")
+
+def _shown(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _integers(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, ...] | None:
+    if text is None:
+        return None
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not a list of numbers like 20,20") from error

@@ -1,17 +1,7 @@
-"""Figures of the command line: where a model is worst; nominal and calibrated errors.
-
-A picture of where in the working box a network is worst, as PNG.
-
-One panel per joint: the network's position error against that joint's position, as median and 99th
-percentile, with a mark at every target that refinement did not solve. One panel more shows the
-median error over the workspace, by distance from the base axis and height.
-
-Before and after, in one figure.
-"""
+"""Figures of the command line: error map of a network, errors before and after calibration."""
 
 from __future__ import annotations
 
-import io
 from io import BytesIO
 from typing import Final
 
@@ -23,34 +13,42 @@ from matplotlib.figure import Figure
 
 from annik_core.pose import FloatArray
 from annik_training.calibration.validation import REGIONS, MeasuredEvaluation
-from annik_training.evaluation import Measured
+from annik_training.evaluation import NetworkErrors
 
 _BLUE: Final = "#0072B2"
 _VERMILLION: Final = "#D55E00"
 _BINS: Final = 15
 _CELLS: Final = 24
 _COLUMNS: Final = 4
-_DOTS_PER_INCH: Final = 150
 
 
-def error_map(measured: Measured) -> bytes:
-    """Draw the picture; at least one pose must have been measured."""
-    robot = measured.dataset.robot
+def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
+    """Map of a network's errors over the joint box and the workspace, as PNG.
+
+    One panel per joint: position error against the joint's position, as median and 99th
+    percentile, with a mark at every pose that refinement did not solve. One more panel: median
+    error by distance from the base axis and height.
+
+    Args:
+        errors: of one pose or more.
+        dots_per_inch: resolution.
+    """
+    robot = errors.dataset.robot
     free = robot.joint_box.free
     rows = -(-(len(free) + 1) // _COLUMNS)
-    figure = Figure(figsize=(2.6 * _COLUMNS, 2.3 * rows + 0.5), dpi=_DOTS_PER_INCH)
+    figure = Figure(figsize=(2.6 * _COLUMNS, 2.3 * rows + 0.5), dpi=dots_per_inch)
     FigureCanvasAgg(figure)
     figure.set_layout_engine("constrained")
     axes = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
-    errors_mm = np.maximum(1e3 * measured.distances, 1e-9)
+    errors_mm = np.maximum(1e3 * errors.distances, 1e-9)
     failed = (
         np.zeros(len(errors_mm), dtype=bool)
-        if measured.refined is None
-        else np.array([not result.converged for result in measured.refined])
+        if errors.refined is None
+        else np.array([not result.converged for result in errors.refined])
     )
     for axis, joint in zip(axes, free, strict=False):
         revolute = robot.joint_types[joint] == "revolute"
-        positions = measured.dataset.joint_positions[:, joint]
+        positions = errors.dataset.joint_positions[:, joint]
         shown = np.degrees(positions) if revolute else positions
         _draw_joint(axis, shown, errors_mm, failed)
         axis.set_xlabel(
@@ -58,14 +56,12 @@ def error_map(measured: Measured) -> bytes:
         )
     axes[0].set_ylabel("position error [mm]", fontsize=8)
     axes[0].legend(fontsize=6)
-    _draw_workspace(figure, axes[len(free)], measured.dataset.poses, errors_mm)
+    _draw_workspace(figure, axes[len(free)], errors.dataset.poses, errors_mm)
     for axis in axes[len(free) + 1 :]:
         axis.set_axis_off()
     for axis in axes:
         axis.tick_params(labelsize=7)
-    not_solved = (
-        "" if measured.refined is None else f"; {failed.sum()} not solved after refinement"
-    )
+    not_solved = "" if errors.refined is None else f"; {failed.sum()} not solved after refinement"
     figure.suptitle(
         f"{_plain(robot.name)}: error of the network alone, {len(errors_mm)} random poses"
         f"{not_solved}",
@@ -77,7 +73,7 @@ def error_map(measured: Measured) -> bytes:
 
 
 def _plain(name: str) -> str:
-    """A name as it is: between dollar signs matplotlib would read mathematics."""
+    """A name without mathematics, which matplotlib reads between dollar signs."""
     return name.replace("$", r"\$")
 
 
@@ -134,17 +130,17 @@ _MARKERS = "<o>"
 
 
 def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
-    """A PNG: the error of every held-out pose, sorted, and the mean by joint and region."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    """Errors at held-out poses before and after a calibration, as PNG.
 
+    The error of every pose, sorted, and the mean by joint and region.
+    """
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     curves, regions = figure.subplots(1, 2)
     share = 100 * (np.arange(len(evaluation.dataset)) + 1) / len(evaluation.dataset)
     for label, errors, style in (
         ("nominal model", evaluation.before.distances, "tab:red"),
-        ("learned model", evaluation.after.distances, "tab:blue"),
+        ("calibrated model", evaluation.after.distances, "tab:blue"),
     ):
         ordered = _MILLIMETRE * np.sort(errors)
         curves.plot(share, ordered, color=style, label=f"{label}: mean {ordered.mean():.3g} mm")
@@ -153,7 +149,7 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
     curves.set_yscale("log")
     curves.set_xlabel("held-out poses [%]")
     curves.set_ylabel("position error [mm]")
-    curves.set_title(f"{len(evaluation.dataset)} poses that were not learned from")
+    curves.set_title(f"{len(evaluation.dataset)} poses that were not calibrated with")
     curves.grid(visible=True, which="both", alpha=0.3)
     curves.legend()
     joints = list(dict.fromkeys(region.joint for region in evaluation.regions))
@@ -162,7 +158,7 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
         places = np.arange(len(joints)) + 0.2 * (shade - 1)
         for label, colour, values in (
             ("nominal", "tab:red", [region.before for region in rows]),
-            ("learned", "tab:blue", [region.after for region in rows]),
+            ("calibrated", "tab:blue", [region.after for region in rows]),
         ):
             regions.plot(
                 _MILLIMETRE * np.array(values),
@@ -175,9 +171,9 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
     regions.set_yticks(range(len(joints)), joints)
     regions.invert_yaxis()
     regions.set_xlabel("mean position error [mm]")
-    regions.set_title("by joint and part of its working box")
+    regions.set_title("by joint and part of the joint box")
     regions.grid(visible=True, axis="x", which="both", alpha=0.3)
     regions.legend(loc="center")
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    return content.getvalue()
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    return buffer.getvalue()

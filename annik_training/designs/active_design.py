@@ -1,11 +1,11 @@
-"""An adaptive design: the next examples are where networks that fit the others disagree.
+"""An adaptive design: the next examples are where networks fitted to the others disagree.
 
-Query by committee [Seung1992]_: several networks are fitted to the examples so far from different
-random starts; where they agree, an example would teach little. The spread of their answers, times
-the distance to the nearest example (so that a batch does not gather in one place), is the score.
+Query by committee [Seung1992]_: several networks are fitted to the examples so far, from different
+random initial weights; where they agree, an example would teach little. A candidate's score is the
+standard deviation of their outputs times its distance to the nearest example, so that a batch does
+not gather in one place.
 
-It needs the forward kinematics of the candidates, which a nominal model gives; their targets, the
-joint positions to be predicted, are not looked at.
+Only the forward kinematics of the candidates is evaluated, not their targets.
 
 References:
     [Seung1992] H. S. Seung, M. Opper, H. Sompolinsky: Query by committee. COLT 1992.
@@ -17,40 +17,38 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from annik_core.pose import FloatArray
-from annik_training.designs.errors import InvalidDesignSize
+from annik_core.robots.robot import Robot
 from annik_training.designs.sampling_designs import random_design, sobol_design
-from annik_training.fitting.fit import FittedStarts, examples_of, fit_starts
+from annik_training.errors import UnsupportedRobot
+from annik_training.fitting.fit import Restart, examples_of, fit_restarts
 from annik_training.fitting.options import FitOptions
-from annik_training.fitting.problem import System
-
-NAME = "active"
-#: Each round fits a committee to all examples, so that thousands of them would take hours.
-MAX_EXAMPLES = 2000
+from annik_training.fitting.problem import InverseKinematicsSystem, System
 
 _FIRST_EXAMPLES_PER_JOINT = 2
 _GROWTH = 0.25
 _COMMITTEE = 4
 _EVALUATIONS = 20
 _CANDIDATES = 1024
-#: Spread that counts even where all agree: then the distance alone decides.
+#: Added to the standard deviation: where all networks agree, the distance decides.
 _LEAST_SPREAD = 1e-9
 
 
-def active_design(system: System, examples: int, rng: np.random.Generator) -> FloatArray:
+def active_design(subject: System | Robot, examples: int, rng: np.random.Generator) -> FloatArray:
     """Joint positions ``(examples, dof)``, in the order in which they were chosen.
 
-    The first are a Sobol sequence, two for each joint; then a quarter more each round.
+    The first are a Sobol sequence, two for each joint; then each round adds a quarter.
 
     Args:
-        system: what is to be learned.
-        examples: how many.
-        rng: what the sequence, the candidates and the committees are drawn from.
+        subject: a robot, or another system to learn.
+        examples: number of examples.
+        rng: draws the sequence, the candidates and the networks.
 
     Raises:
-        InvalidDesignSize: if ``examples`` is out of range.
+        UnsupportedRobot: if the subject has no forward kinematics.
     """
-    if not 1 <= examples <= MAX_EXAMPLES:
-        raise InvalidDesignSize(NAME, "examples", examples, 1, MAX_EXAMPLES)
+    system = InverseKinematicsSystem(subject) if isinstance(subject, Robot) else subject
+    if not hasattr(system, "inputs"):
+        raise UnsupportedRobot("design active", system.name, "it has no forward kinematics")
     box = system.joint_box
     first = min(examples, _FIRST_EXAMPLES_PER_JOINT * len(box.joint_names))
     chosen = sobol_design(box, first, rng)
@@ -65,25 +63,27 @@ def active_design(system: System, examples: int, rng: np.random.Generator) -> Fl
     return chosen
 
 
-def _fitted_committee(system: System, joint_positions: FloatArray, seed: int) -> FittedStarts:
+def _fitted_committee(
+    system: System, joint_positions: FloatArray, seed: int
+) -> tuple[Restart, ...]:
     options = FitOptions(
         restarts=_COMMITTEE, held_out_fraction=0.0, max_evaluations=_EVALUATIONS, seed=seed
     )
-    return fit_starts(examples_of(system, joint_positions, options), options)
+    return fit_restarts(examples_of(system, joint_positions, options), options)
 
 
-def _spread(committee: FittedStarts, inputs: FloatArray) -> FloatArray:
-    """Standard deviation of the answers ``(n,)``, scaled, rms over the outputs."""
-    answers = np.stack([network.predict(inputs) for network in committee.networks])
-    scale = committee.network.output_scaling.half_width.numpy()
-    spread: FloatArray = np.sqrt(np.mean((answers.std(axis=0) / scale) ** 2, axis=1))
+def _spread(committee: tuple[Restart, ...], inputs: FloatArray) -> FloatArray:
+    """Standard deviation ``(n,)`` of the scaled outputs of the networks, rms over the outputs."""
+    outputs = np.stack([restart.network.predict(inputs) for restart in committee])
+    scale = committee[0].network.output_scaling.half_width.numpy()
+    spread: FloatArray = np.sqrt(np.mean((outputs.std(axis=0) / scale) ** 2, axis=1))
     return spread
 
 
 def _spread_out(
     spread: FloatArray, candidates: FloatArray, chosen: FloatArray, batch: int
 ) -> list[int]:
-    """Candidates of the highest score, the distance being to those picked before as well."""
+    """Indices of the candidates of highest score; those picked before count as examples."""
     distance = cdist(candidates, chosen).min(axis=1)
     picked: list[int] = []
     for _ in range(batch):

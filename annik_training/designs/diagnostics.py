@@ -1,4 +1,4 @@
-"""What a design of experiments can show of a robot, and what it leaves in the dark."""
+"""Diagnostics of a design: rank, condition, interactions it can't identify, empty regions."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _PROBES = 2**13
 
 @dataclass(frozen=True)
 class ModelRank:
-    """How well a polynomial model in the joint positions can be told from the examples.
+    """How well the examples identify a polynomial model in the joint positions.
 
     Attributes:
-        rank: independent terms.
-        terms: terms of the model.
-        condition: largest over smallest singular value that counts, joints on [-1, 1].
+        rank: number of independent terms.
+        terms: number of terms of the model.
+        condition: largest singular value over the smallest nonzero one, joints on [-1, 1].
     """
 
     rank: int
@@ -38,13 +38,13 @@ class DesignDiagnostics:
     """Diagnostics of a design, in joint positions scaled to [-1, 1] over the joint box.
 
     Attributes:
-        examples: distinct examples.
-        linear: constant and joint positions.
-        quadratic: these, squares and products.
-        blind_interactions: pairs of joint names whose product can't be told from other products
-            of two joints by these examples, whatever the robot.
-        largest_empty_ball: radius of the largest ball inside the box that holds no example,
-            relative to half the diagonal of the box; found among many probes, so a lower bound.
+        examples: number of distinct examples.
+        linear: model of the constant and the joint positions.
+        quadratic: the same with squares and products.
+        blind_interactions: pairs of joint names whose product these examples can't tell from
+            other products of two joints, for any robot.
+        largest_empty_ball: radius of the largest ball inside the box without an example, relative
+            to half the diagonal of the box; a lower bound, found among many probes.
     """
 
     examples: int
@@ -59,7 +59,7 @@ def diagnose(joint_positions: FloatArray, box: JointLimits) -> DesignDiagnostics
 
     Args:
         joint_positions: ``(n, dof)`` inside the box.
-        box: the joint box; a locked joint takes no part.
+        box: the joint box; locked joints are excluded.
     """
     free = box.free
     lower, upper = box.lower[free], box.upper[free]
@@ -89,7 +89,7 @@ def _rank(columns: FloatArray) -> ModelRank:
 
 
 def _unidentifiable(columns: FloatArray) -> list[bool]:
-    """For each term, whether some combination that vanishes on all examples contains it."""
+    """Whether each term is part of a combination that is zero on all examples."""
     singular, right = _singular_values(columns)
     rank = int((singular > RANK_TOLERANCE * singular[0]).sum())
     in_null_space = np.linalg.norm(right[rank:], axis=0) > 1e-6
@@ -99,8 +99,7 @@ def _unidentifiable(columns: FloatArray) -> list[bool]:
 def _singular_values(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Singular values, the largest first, and all right singular vectors ``(terms, terms)``.
 
-    By way of the triangular factor, which has both and, unlike the examples, no more rows than
-    there are terms.
+    Computed from the triangular factor, which has no more rows than there are terms.
     """
     _, singular, right = np.linalg.svd(np.linalg.qr(columns, mode="r"), full_matrices=True)
     return singular, right

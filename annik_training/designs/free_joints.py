@@ -1,4 +1,4 @@
-"""Joints that a design of experiments can move: a locked joint, of zero width, is none of them."""
+"""Joints that a design of experiments moves: locked joints (zero width) are excluded."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from annik_core.robots.joint_limits import JointLimits
 
 
 def free_box(box: JointLimits) -> JointLimits:
-    """The box of the joints that are not locked."""
+    """Joint box of the joints that are not locked."""
     free = box.free
     names = [box.joint_names[joint] for joint in free]
     return JointLimits.from_bounds(names, box.lower[free], box.upper[free])
 
 
 def with_locked_joints(joint_positions: FloatArray, box: JointLimits) -> FloatArray:
-    """Positions of all joints ``(n, dof)`` from those of the free ones ``(n, free)``."""
+    """Positions of all joints ``(n, dof)`` from those of the free joints ``(n, free)``."""
     complete = np.tile(box.lower, (len(joint_positions), 1))
     complete[:, box.free] = joint_positions
     return complete

@@ -1,4 +1,4 @@
-"""Joint positions counted in half steps of a grid, so that equal ones are recognised exactly."""
+"""Joint positions on a grid, counted in half steps so that equal ones are found exactly."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ def grid_positions(half_steps: NDArray[np.int64], box: JointLimits, steps: int) 
     """Joint positions ``(n, dof)`` [rad or m] of a grid that divides every joint into equal steps.
 
     Args:
-        half_steps: ``(n, dof)`` from 0, the lower end, to ``2 * steps``, the upper end. Halves,
-            so that the median is on the grid whatever the number of steps.
+        half_steps: ``(n, dof)`` from 0, the lower end, to ``2 * steps``, the upper end. With half
+            steps the median is on the grid for any number of steps.
         box: the joint box.
-        steps: into how many steps each joint's interval is divided.
+        steps: number of steps that each joint's interval is divided into.
     """
     inside = box.lower + half_steps / (2.0 * steps) * (box.upper - box.lower)
     # Rounding would miss the upper end, on either side of it.
@@ -27,6 +27,6 @@ def grid_positions(half_steps: NDArray[np.int64], box: JointLimits, steps: int) 
 
 
 def distinct_rows(rows: NDArray[Any]) -> NDArray[Any]:
-    """The rows ``(n, k)`` without repeats, each where it first occurs."""
+    """Rows ``(n, k)`` without repeats, each where it first occurs."""
     _, first = np.unique(rows, axis=0, return_index=True)
     return rows[np.sort(first)]

@@ -1,7 +1,7 @@
-"""A design for learning an arm from measured poses: where its errors show best.
+"""A design for calibrating an arm: joint positions at which its kinematic errors show best.
 
-D-optimal, greedily: of many random joint positions, the next is always that which adds most to the
-determinant of the information on the model's parameters [Mitchell1974]_, geometric errors and
+D-optimal, greedily: of many random joint positions, the next is always the one that adds most to
+the determinant of the information on the model's parameters [Mitchell1974]_, geometric errors and
 joint networks alike, each counted in natural units.
 
 References:
@@ -15,13 +15,13 @@ import numpy as np
 
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
-from annik_training.designs.errors import DesignError
+from annik_training.calibration.model import ParametricModel, Part
+from annik_training.calibration.observations import Noise
 
-NAME = "identifiability"
 #: Joint positions to choose from.
 _CANDIDATES = 1000
-#: By which the lengths and angles of a measured pose are weighed against each other [m], [rad].
-_POSITION_NOISE, _ORIENTATION_NOISE = 5e-5, 5e-5
+#: Weighs the lengths [m] and angles [rad] of a measured pose against each other.
+_NOISE = Noise(5e-5, 5e-5)
 
 
 def identifiability_design(robot: Robot, examples: int, rng: np.random.Generator) -> FloatArray:
@@ -29,43 +29,36 @@ def identifiability_design(robot: Robot, examples: int, rng: np.random.Generator
 
     Args:
         robot: a nominal arm.
-        examples: how many, 1 to 1000.
-        rng: draws the candidates, and the networks whose errors are to show.
+        examples: number of examples, at most :data:`_CANDIDATES`.
+        rng: draws the candidates, and the joint networks whose errors are to show.
 
     Raises:
-        DesignError: if there are too few or too many examples.
-        UnsupportedRobot: if it is no arm.
+        UnsupportedRobot: if the arm is calibrated already.
     """
-    from annik_training.calibration.model import GrayBoxModel, Part
-    from annik_training.calibration.observations import Noise
-
-    if not 1 <= examples <= _CANDIDATES:
-        raise DesignError(f"{NAME} chooses 1 to {_CANDIDATES} examples, not {examples}")
-    model = GrayBoxModel(robot, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
+    model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
     candidates = robot.joint_box.sample(_CANDIDATES, rng)
-    # Errors as large as they are expected to be: a network that says nothing can't be learned of.
+    # Drawn parameters: at zero output weights, the inner weights of a network have no derivative.
     columns = model.evaluate(rng.normal(size=model.size), candidates).columns
-    noise = Noise(_POSITION_NOISE, _ORIENTATION_NOISE)
     rows = np.concatenate(
-        [columns[:, :3] / noise.position, columns[:, 3:] / noise.orientation], axis=1
+        [columns[:, :3] / _NOISE.position, columns[:, 3:] / _NOISE.orientation], axis=1
     )
     return candidates[_greedy(rows, examples)]
 
 
 def _greedy(rows: FloatArray, examples: int) -> list[int]:
-    """Indices of the candidates ``(n, 6, p)`` chosen one after the other."""
+    """Indices of the candidates ``(n, 6, p)``, chosen one after another."""
     covariance = np.eye(rows.shape[2])
-    # What each candidate's measurements are still unsure by, given those chosen.
-    unsure = rows @ np.swapaxes(rows, 1, 2)
+    # Covariance of each candidate's measurement, given those chosen.
+    uncertainty = rows @ np.swapaxes(rows, 1, 2)
     chosen: list[int] = []
     for _ in range(examples):
-        gains = np.linalg.slogdet(np.eye(6) + unsure)[1]
+        gains = np.linalg.slogdet(np.eye(6) + uncertainty)[1]
         gains[chosen] = -np.inf
         best = int(np.argmax(gains))
         chosen.append(best)
         learned = rows[best] @ covariance
-        inside = np.linalg.inv(np.eye(6) + unsure[best])
+        inside = np.linalg.inv(np.eye(6) + uncertainty[best])
         covariance = covariance - learned.T @ inside @ learned
         shared = rows @ learned.T
-        unsure = unsure - shared @ inside @ np.swapaxes(shared, 1, 2)
+        uncertainty = uncertainty - shared @ inside @ np.swapaxes(shared, 1, 2)
     return chosen

@@ -1,7 +1,7 @@
-"""The pair plot of a design of experiments: where its examples are, two joints at a time, as PNG.
+"""Pair plot of a design of experiments: its examples, two joints at a time, as PNG.
 
-Colours are those of Okabe and Ito, which colour-blind people tell apart; what they separate also
-differs in marker and frame, so that a grey print loses nothing.
+Colours of Okabe and Ito, distinct to colour-blind readers; markers and frames differ too, for
+prints without colour.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ _DOTS_PER_INCH: Final = 200
 #: Width of all panels [in]: with the labels, two columns of a journal.
 _PANELS_WIDTH: Final = 6.4
 _LEAST_PANEL, _LARGEST_PANEL = 0.85, 1.5
-#: Part of a panel's place that it fills, so that neighbours don't touch.
+#: Fraction of a panel's cell that the panel fills.
 _FILLED: Final = 0.93
-#: Room for the labels, the title, and the legend beside the first panel [in].
+#: Margins for the labels, the title, and the legend beside the first panel [in].
 _LEFT, _RIGHT, _BELOW, _ABOVE, _LEGEND = 0.9, 0.2, 0.7, 0.35, 3.5
-#: From a panel to the names beside and below it, beyond the numbers [in].
+#: Distance of the joint names from a panel [in].
 _TO_NAME_LEFT, _TO_NAME_BELOW = 0.36, 0.16
-#: Sizes of letters [pt], and the mean width of one.
+#: Font sizes and mean letter width [pt].
 _SMALL, _TEXT, _TITLE, _LETTER = 6.0, 7.0, 9.0, 3.9
-#: A prime, so that the steps of a sweep don't fall on the edges between bins.
+#: A prime, so that the steps of a sweep don't fall on bin edges.
 _BINS: Final = 13
-#: More examples can't be told apart on a panel; as many of them are drawn, taken evenly.
+#: Most examples that a panel shows; of more, every n-th is drawn.
 _MOST_DRAWN: Final = 4000
-#: Positions closer than this part of the interval are drawn as one.
+#: Positions closer than this fraction of the interval are drawn as one.
 _SAME: Final = 1e-6
 
 
@@ -54,7 +54,7 @@ def pair_plot(
     diagnostics: DesignDiagnostics,
     title: str,
 ) -> bytes:
-    """What :func:`pair_figure` draws, as PNG."""
+    """The figure of :func:`pair_figure` as PNG."""
     buffer = BytesIO()
     pair_figure(joint_positions, box, joint_types, diagnostics, title).savefig(
         buffer, format="png"
@@ -71,14 +71,14 @@ def pair_figure(
 ) -> Figure:
     """A scatter plot for each pair of joints, and a histogram for each joint.
 
-    Pairs of joints whose interaction the examples can't tell apart are framed, and their examples
-    drawn with another marker. Locked joints are left out.
+    Blind pairs (:attr:`DesignDiagnostics.blind_interactions`) are framed and have another marker.
+    Locked joints are left out.
 
     Args:
         joint_positions: ``(n, dof)`` [rad or m] inside the box.
-        box: the joint box, of which at least one joint is free.
+        box: the joint box, with at least one joint that is not locked.
         joint_types: ``revolute`` (drawn in degrees) or ``prismatic`` (in mm or m) for each joint.
-        diagnostics: what :func:`annik_training.designs.diagnostics.diagnose` says of the examples.
+        diagnostics: of these examples.
         title: one line.
     """
     joints = joint_axes(joint_positions, box, joint_types)
@@ -103,7 +103,7 @@ def pair_figure(
 
 
 def _figure(joints: int, panel: float) -> Figure:
-    """An empty figure with room for as many rows and columns of panels, and for the legend."""
+    """An empty figure with room for the panels and the legend."""
     width = _LEFT + max(joints * panel, panel + _LEGEND) + _RIGHT
     height = _ABOVE + joints * panel + _BELOW
     figure = Figure(figsize=(width, height), dpi=_DOTS_PER_INCH)
@@ -123,7 +123,7 @@ def _add_panel(figure: Figure, panel: float, last: int, row: int, column: int) -
 
 
 def _draw_pair(axes: Axes, across: JointAxis, up: JointAxis, is_blind: bool) -> None:
-    """The examples, larger where several coincide as seen along the other joints."""
+    """Scatter plot of two joints; markers grow with the number of coinciding examples."""
     drawn = np.stack([across.positions, up.positions], axis=1)[:: _drawn_every(len(up.positions))]
     widths = np.array([across.upper - across.lower, up.upper - up.lower])
     _, first, counts = np.unique(
@@ -153,13 +153,13 @@ def _draw_histogram(axes: Axes, joint: JointAxis) -> None:
     axes.hist(
         joint.positions, bins=_BINS, range=(joint.lower, joint.upper), color=_GREY, rwidth=0.85
     )
-    # On the free side, as the left one belongs to the positions.
+    # On the right: the left side shows joint positions.
     axes.yaxis.tick_right()
     axes.yaxis.set_major_locator(MaxNLocator(2, integer=True, min_n_ticks=2))
 
 
 def _share_counts(histograms: Sequence[Axes]) -> None:
-    """Give all histograms one scale."""
+    """Give all histograms the same scale."""
     highest = max(axes.get_ylim()[1] for axes in histograms)
     for axes in histograms:
         axes.set_ylim(0.0, highest)
@@ -171,13 +171,13 @@ def _label_across(axes: Axes, joint: JointAxis, panel: float, *, is_named: bool)
     if is_named:
         if len("".join(joint.numbers)) > 0.6 * _letters(panel):
             _keep_apart(axes.get_xticklabels())
-        # No mathematics: a name may hold dollar signs.
+        # Without mathematics: a name may contain dollar signs.
         axes.set_xlabel(joint.label(_letters(panel)), fontsize=_TEXT, parse_math=False)
         axes.xaxis.set_label_coords(0.5, -_TO_NAME_BELOW / (_FILLED * panel))
 
 
 def _keep_apart(numbers: Sequence[Text]) -> None:
-    """Leave out the number at the median, and keep the outer ones off the neighbouring panels."""
+    """Hide the number at the median, and align the outer ones inwards."""
     lower, median, upper = numbers
     lower.set_horizontalalignment("left")
     median.set_visible(False)
@@ -193,7 +193,7 @@ def _label_up(axes: Axes, joint: JointAxis, panel: float, *, is_named: bool) -> 
 
 
 def _letters(panel: float) -> int:
-    """How many letters fit along a panel."""
+    """Number of letters that fit along a panel."""
     return int(72.0 * panel / _LETTER)
 
 
@@ -210,7 +210,7 @@ def _add_title(figure: Figure, title: str) -> None:
 
 
 def _add_legend(figure: Figure, diagnostics: DesignDiagnostics, left_out: Sequence[str]) -> None:
-    """What the markers mean, and the diagnostics, beside the first panel."""
+    """Key of the markers, and the diagnostics, beside the first panel."""
     width, height = figure.get_size_inches()
     keys: list[Line2D | Patch] = [
         _key("example; larger where several coincide in this view", is_blind=False),
@@ -249,7 +249,7 @@ def _findings(diagnostics: DesignDiagnostics) -> list[str]:
 
 
 def _left_out(examples: int, box: JointLimits) -> list[str]:
-    """What the panels don't show."""
+    """Lines on what the panels don't show."""
     lines = []
     locked = np.delete(box.joint_names, box.free)
     if len(locked):

@@ -1,4 +1,4 @@
-"""A joint as an axis of a plot: its positions in units for people, its ends, its name."""
+"""A joint as an axis of a plot: positions in degrees, mm or m, bounds, label."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class JointAxis:
     """A joint that is not locked.
 
     Attributes:
-        name: the joint's.
-        unit: what the numbers below are in: ``deg``, ``mm`` or ``m``.
+        name: name of the joint.
+        unit: ``deg``, ``mm`` or ``m``; unit of the numbers below.
         positions: ``(n,)`` of the examples.
-        lower: where the joint's interval begins.
-        upper: where it ends.
+        lower: lower bound of the joint box.
+        upper: upper bound.
     """
 
     name: str
@@ -31,13 +31,13 @@ class JointAxis:
 
     @property
     def shown(self) -> tuple[float, float]:
-        """The interval, and room for the markers at its ends."""
+        """Limits of the axis: the interval and a margin for the markers."""
         margin = 0.09 * (self.upper - self.lower)
         return self.lower - margin, self.upper + margin
 
     @property
     def ticks(self) -> list[float]:
-        """Both ends and the median, the levels that a design of experiments speaks of."""
+        """Minimum, median and maximum, the levels of the designs."""
         return [self.lower, 0.5 * (self.lower + self.upper), self.upper]
 
     @property
@@ -46,7 +46,7 @@ class JointAxis:
         return [f"{tick:.3g}" for tick in self.ticks]
 
     def label(self, letters: int) -> str:
-        """Name and unit, broken at underscores into lines of so many letters."""
+        """Name and unit, broken at underscores into lines of at most so many letters."""
         lines = [""]
         for part in self.name.replace("_", "_\n").split("\n"):
             if lines[-1] and len(lines[-1]) + len(part) > letters:
@@ -58,7 +58,7 @@ class JointAxis:
 def joint_axes(
     joint_positions: FloatArray, box: JointLimits, joint_types: Sequence[str]
 ) -> list[JointAxis]:
-    """An axis for each joint that is not locked, in order.
+    """Axes of the joints that are not locked, in order.
 
     Args:
         joint_positions: ``(n, dof)`` [rad or m].
@@ -77,7 +77,7 @@ def joint_axes(
 
 
 def _unit(joint_type: str, largest: float) -> tuple[str, float]:
-    """The unit for positions up to a largest one [rad or m], and how many make one rad or m."""
+    """Unit for positions of at most ``largest`` [rad or m], and the factor to it."""
     if joint_type == "revolute":
         return "deg", 180.0 / np.pi
     return ("mm", 1000.0) if largest < 1.0 else ("m", 1.0)

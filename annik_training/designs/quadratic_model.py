@@ -1,7 +1,6 @@
-"""The full quadratic model in the joint positions, and its rank on a set of rows, exactly.
+"""The full quadratic model in the joint positions, and its exact rank on a set of rows.
 
-A rank in floating point is a matter of tolerance; here it is computed with whole numbers and
-fractions, so that "blind to this interaction" is a fact of the design.
+The rank is computed in integers and fractions: in floating point it would depend on a tolerance.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from typing import Any
 from sympy import QQ, ZZ
 from sympy.polys.matrices import DomainMatrix
 
-#: Joints (counted from 0) whose product a term is; the empty one is the constant.
+#: Joints (counted from 0) whose product a term is; the empty tuple is the constant.
 Term = tuple[int, ...]
-#: A matrix of whole numbers or fractions; SymPy ships no types.
+#: A matrix of integers or fractions; SymPy ships no types.
 ExactMatrix = Any
 
 
@@ -35,15 +34,14 @@ def term_values(rows: Sequence[Sequence[int]]) -> ExactMatrix:
 
 
 def quadratic_rank(rows: Sequence[Sequence[int]]) -> int:
-    """How many of the terms can be told apart on integer rows ``(n, dof)``."""
+    """Number of terms that are linearly independent on integer rows ``(n, dof)``."""
     return int(_square(term_values(rows)).rank())
 
 
 def vanishing_combinations(rows: Sequence[Sequence[int]]) -> ExactMatrix:
     """Coefficients ``(k, terms)`` of quadratics that are zero on all integer rows ``(n, dof)``.
 
-    Every other such quadratic is a sum of multiples of these. If all terms can be told apart,
-    there is none.
+    They span all such quadratics. If all terms are linearly independent, there are none.
     """
     return _square(term_values(rows)).nullspace()
 

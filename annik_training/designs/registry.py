@@ -2,264 +2,286 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
 
+from annik_core.errors import InvalidValue
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
-from annik_training.designs import (
-    central_composite_design,
-    sampling_designs,
-    thirty_phase_design,
-    thirty_phase_plus_design,
-    workspace_grid_design,
-)
-from annik_training.designs.errors import DesignError, UnknownDesign, UnsupportedRobotForDesign
 from annik_training.designs.free_joints import free_box, with_locked_joints
+from annik_training.errors import UnsupportedRobot
 
 
 class DesignSubject(Protocol):
-    """What a design of experiments is made for: a robot, or any other function of joints."""
+    """A robot, or any other function of joint positions that a design is made for."""
 
     @property
     def name(self) -> str:
-        """What to call it in an error."""
+        """Name for error messages."""
         ...
 
     @property
     def joint_box(self) -> JointLimits:
-        """Where the examples are chosen from."""
+        """Joint positions that the examples are chosen from."""
         ...
+
+
+class Needs(Enum):
+    """First argument of a design's function."""
+
+    BOX = "joint box"
+    SUBJECT = "subject, with its forward kinematics"
+    ROBOT = "robot, with its workspace"
+    ARM = "arm, with its chain"
+
+
+@dataclass(frozen=True)
+class DesignOption:
+    """An integer or a switch that a design takes.
+
+    Attributes:
+        name: keyword argument of the design's function.
+        flag: name on the command line.
+        meaning: what it counts or does.
+        default: value if none is given; False for a switch.
+        minimum: least value.
+        maximum: greatest value.
+    """
+
+    name: str
+    flag: str
+    meaning: str
+    default: int
+    minimum: int
+    maximum: int
 
 
 @dataclass(frozen=True)
 class Design:
-    """A way to choose joint positions for the examples.
+    """A way to choose the joint positions of the examples.
 
     Attributes:
-        name: what it is called on the command line.
-        size_option: what the size is called on the command line.
-        size_means: what the size counts.
-        default_size: the size where none is asked for.
+        name: name on the command line.
         description: one line.
-        options: names of what can be set besides the size.
-        make: ``(subject, size, rng, **options) -> (n, dof)`` joint positions inside the subject's
-            joint box; the same for the same seed. Locked joints stay where they are, and the
-            others are moved as if these were all.
-        arms_only: whether it needs the kinematics of an arm.
+        size: the option that decides the number of examples.
+        function: ``module.function`` in this package: ``(first argument, size, [rng], **options)
+            -> (n, dof)`` joint positions. Loaded on first use, because most of them need libraries
+            that are slow to load.
+        needs: the function's first argument.
+        is_drawn: whether the function takes a random generator.
+        options: options besides the size.
     """
 
     name: str
-    size_option: str
-    size_means: str
-    default_size: int
     description: str
-    options: tuple[str, ...]
-    make: Callable[..., FloatArray]
-    arms_only: bool = False
+    size: DesignOption
+    function: str
+    needs: Needs = Needs.BOX
+    is_drawn: bool = False
+    options: tuple[DesignOption, ...] = ()
 
-    @property
-    def size_flag(self) -> str:
-        """The size's option as it is typed."""
-        return f"--{self.size_option.replace('_', '-')}"
-
-
-def _in_box(
-    design: Callable[..., FloatArray], *, is_drawn: bool = False
-) -> Callable[..., FloatArray]:
-    """A design that needs the joint box, and randomness if it is drawn."""
-
-    def make(
-        subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any
+    def joint_positions(
+        self, subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any
     ) -> FloatArray:
-        box = subject.joint_box
-        drawn_from = (rng,) if is_drawn else ()
-        return with_locked_joints(design(free_box(box), size, *drawn_from, **options), box)
-
-    return make
-
-
-def _in_workspace(name: str, design: Callable[..., FloatArray]) -> Callable[..., FloatArray]:
-    """A design of poses, which needs a whole robot."""
-
-    def make(
-        subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any
-    ) -> FloatArray:
-        # The inverse kinematics of a robot, as a system to learn, has it.
-        robot = getattr(subject, "robot", subject)
-        if not isinstance(robot, Robot):
-            raise UnsupportedRobotForDesign(name, subject.name, "it has no workspace to divide")
-        return design(robot, size, **options)
-
-    return make
+        """Joint positions ``(n, dof)``; locked joints keep their position."""
+        module, _, name = self.function.rpartition(".")
+        function = getattr(import_module(f"annik_training.designs.{module}"), name)
+        drawn_from = (rng,) if self.is_drawn else ()
+        rows: FloatArray
+        if self.needs is Needs.BOX:
+            free = function(free_box(subject.joint_box), size, *drawn_from, **options)
+            rows = with_locked_joints(free, subject.joint_box)
+        else:
+            first = subject if self.needs is Needs.SUBJECT else _robot_of(subject)
+            rows = function(first, size, *drawn_from, **options)
+        return rows
 
 
-def _active(
-    subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any
-) -> FloatArray:
-    """The adaptive design, which learns from its examples as it goes."""
-    # Only this one needs torch.
-    from annik_training.designs.active_design import NAME, active_design
-    from annik_training.fitting.problem import InverseKinematicsSystem
-
-    system: Any = InverseKinematicsSystem(subject) if isinstance(subject, Robot) else subject
-    if not hasattr(system, "inputs"):
-        raise UnsupportedRobotForDesign(NAME, subject.name, "it has no forward kinematics")
-    return active_design(system, size, rng, **options)
+_STEPS = DesignOption("steps", "--steps", "steps of each sweep (j)", 6, 1, 1000)
 
 
-def _identifiability(
-    subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any
-) -> FloatArray:
-    """The design for learning a real arm, which needs its kinematics."""
-    from annik_training.designs.identifiability_design import identifiability_design
+def _examples(maximum: int) -> DesignOption:
+    return DesignOption("examples", "--examples", "number of examples", 100, 1, maximum)
 
-    return identifiability_design(_robot_of(subject), size, rng, **options)
-
-
-def _robot_of(subject: DesignSubject) -> Any:
-    """The robot that a subject is, or is the inverse kinematics of; else the subject."""
-    return getattr(subject, "robot", subject)
-
-
-_STEPS = ("steps", "steps of each sweep (j)", 6)
-_EXAMPLES = ("examples", "number of examples", 100)
 
 DESIGNS: Mapping[str, Design] = {
     design.name: design
     for design in (
         Design(
-            thirty_phase_design.NAME,
-            *_STEPS,
+            "thirty_phase",
             "joints swept alone and together in 30 phases: the paper's, Table 1",
-            ("keep_paper_rows",),
-            _in_box(thirty_phase_design.thirty_phase_design),
+            _STEPS,
+            "thirty_phase_design.thirty_phase_design",
+            options=(
+                DesignOption(
+                    "keep_paper_rows",
+                    "--paper-rows",
+                    "the rows as the paper counts them (104, 194)",
+                    False,
+                    False,
+                    True,
+                ),
+            ),
         ),
         Design(
-            thirty_phase_plus_design.NAME,
-            *_STEPS,
+            "thirty_phase_plus",
             "the paper's, and the pairs of joints without which it is blind to interactions",
-            (),
-            _in_box(thirty_phase_plus_design.thirty_phase_plus_design),
+            _STEPS,
+            "thirty_phase_plus_design.thirty_phase_plus_design",
         ),
         Design(
-            workspace_grid_design.NAME,
-            "positions_per_axis",
-            "grid positions per axis",
-            4,
+            "workspace_grid",
             "a regular grid of poses: the paper's 'known method', Table 7",
-            ("orientation_levels",),
-            _in_workspace(workspace_grid_design.NAME, workspace_grid_design.workspace_grid_design),
+            DesignOption(
+                "positions_per_axis",
+                "--positions-per-axis",
+                "grid positions per axis",
+                4,
+                2,
+                100,
+            ),
+            "workspace_grid_design.workspace_grid_design",
+            Needs.ROBOT,
+            options=(
+                DesignOption(
+                    "orientation_levels",
+                    "--orientation-levels",
+                    "fractions of roll, pitch and yaw",
+                    1,
+                    1,
+                    100,
+                ),
+            ),
         ),
         Design(
-            central_composite_design.NAME,
-            "shells",
-            "nested boxes of corners and face centres",
-            1,
+            "central_composite",
             "corners, face centres and centre of the joint box: Box and Wilson 1951",
-            (),
-            _in_box(central_composite_design.central_composite_design),
+            DesignOption(
+                "shells", "--shells", "nested boxes of corners and face centres", 1, 1, 100
+            ),
+            "central_composite_design.central_composite_design",
         ),
         Design(
             "latin_hypercube",
-            *_EXAMPLES,
             "one example in each slice of every joint, otherwise at random",
-            (),
-            _in_box(sampling_designs.latin_hypercube_design, is_drawn=True),
+            _examples(1_000_000),
+            "sampling_designs.latin_hypercube_design",
+            is_drawn=True,
         ),
         Design(
             "sobol",
-            *_EXAMPLES,
             "a scrambled Sobol sequence: evenly spread, and can be continued",
-            (),
-            _in_box(sampling_designs.sobol_design, is_drawn=True),
+            _examples(1_000_000),
+            "sampling_designs.sobol_design",
+            is_drawn=True,
         ),
         Design(
             "random",
-            *_EXAMPLES,
             "independent and uniform",
-            (),
-            _in_box(sampling_designs.random_design, is_drawn=True),
+            _examples(1_000_000),
+            "sampling_designs.random_design",
+            is_drawn=True,
         ),
         Design(
             "active",
-            *_EXAMPLES,
-            "chosen one batch after another, where networks fitted to the others disagree",
-            (),
-            _active,
+            "chosen batch by batch, where networks fitted to the examples so far disagree",
+            # Each batch fits networks to all examples before it: thousands would take hours.
+            _examples(2000),
+            "active_design.active_design",
+            Needs.SUBJECT,
+            is_drawn=True,
         ),
         Design(
             "identifiability",
-            *_EXAMPLES,
             "where the errors of a real arm show best, for measuring it: D-optimal",
-            (),
-            _identifiability,
-            arms_only=True,
+            _examples(1000),
+            "identifiability_design.identifiability_design",
+            Needs.ARM,
+            is_drawn=True,
         ),
     )
 }
+
+
+def design_names() -> tuple[str, ...]:
+    """Names of all designs of experiments."""
+    return tuple(DESIGNS)
 
 
 def find_design(name: str) -> Design:
     """The design with this name.
 
     Raises:
-        UnknownDesign: lists the known ones.
+        InvalidValue: listing the known names.
     """
     if name not in DESIGNS:
-        raise UnknownDesign(name, tuple(DESIGNS))
+        raise InvalidValue("design", name, ", ".join(DESIGNS))
     return DESIGNS[name]
 
 
 def check_subject(name: str, subject: DesignSubject) -> None:
-    """Refuse what no design of this name can be made for, whatever the size.
+    """Refuse a subject that no design of this name can be made for, whatever its size.
 
     Raises:
-        UnknownDesign: lists the known ones.
-        UnsupportedRobotForDesign: saying why.
+        InvalidValue: if there is no such design.
+        UnsupportedRobot: with the reason.
     """
     design = find_design(name)
+    purpose = f"design {name}"
     if len(subject.joint_box.free) == 0:
-        raise UnsupportedRobotForDesign(name, subject.name, "all its joints are locked")
+        raise UnsupportedRobot(purpose, subject.name, "all its joints are locked")
     robot = _robot_of(subject)
-    if design.arms_only and not (isinstance(robot, Robot) and robot.kind == "arm"):
-        raise UnsupportedRobotForDesign(name, subject.name, "it is no arm with a URDF")
+    if design.needs is Needs.ROBOT and robot is None:
+        raise UnsupportedRobot(purpose, subject.name, "it has no workspace to divide")
+    if design.needs is Needs.ARM and (robot is None or robot.kind != "arm"):
+        raise UnsupportedRobot(purpose, subject.name, "it is no arm with a URDF")
 
 
 def make_design(
-    name: str,
     subject: DesignSubject,
+    design: str,
     size: int,
     seed: int,
     options: Mapping[str, Any] | None = None,
 ) -> FloatArray:
-    """Joint positions ``(n, dof)`` [rad or m] of a design for a robot or other function of joints.
+    """Joint positions ``(n, dof)`` [rad or m] of a design of experiments.
 
     Args:
-        name: a key of :data:`DESIGNS`.
-        subject: what the examples are for; no row leaves its joint box.
-        size: see the design's ``size_means``.
-        seed: what a random design draws from.
+        subject: a robot, or another function of joints; no row leaves its joint box.
+        design: one of :func:`design_names`.
+        size: the value of the design's size option, such as the number of examples.
+        seed: seed of a random design.
         options: the design's own options.
 
     Raises:
-        UnknownDesign: lists the known ones.
-        DesignError: if an option, the size or the subject does not suit the design.
+        InvalidValue: if the name, the size or an option is not allowed.
+        UnsupportedRobot: if the design can't be made for this subject.
     """
-    design = find_design(name)
+    chosen = find_design(design)
     given = dict(options or {})
-    unknown = sorted(set(given) - set(design.options))
-    if unknown:
-        raise DesignError(
-            f"design {name} has no option {', '.join(unknown)}; it has "
-            f"{', '.join((design.size_option, *design.options))}"
-        )
-    box = subject.joint_box
-    check_subject(name, subject)
-    rows = design.make(subject, size, np.random.default_rng(seed), **given)
+    known = {option.name: option for option in chosen.options}
+    if not given.keys() <= known.keys():
+        unknown = ", ".join(sorted(given.keys() - known.keys()))
+        allowed = ", ".join((chosen.size.name, *known))
+        raise InvalidValue(f"option of design {design}", unknown, allowed)
+    check_subject(design, subject)
+    for option, value in ((chosen.size, size), *((known[name], given[name]) for name in given)):
+        if not option.minimum <= value <= option.maximum:
+            allowed = f"{option.minimum} to {option.maximum}"
+            raise InvalidValue(f"{option.name} of design {design}", value, allowed)
+    rows = chosen.joint_positions(subject, size, np.random.default_rng(seed), **given)
     # Rounding must not leave the box.
+    box = subject.joint_box
     return np.clip(rows, box.lower, box.upper)
+
+
+def _robot_of(subject: DesignSubject) -> Robot | None:
+    """The robot that a subject is, or whose inverse kinematics it is."""
+    robot = getattr(subject, "robot", subject)
+    return robot if isinstance(robot, Robot) else None

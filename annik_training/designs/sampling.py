@@ -1,4 +1,4 @@
-"""Examples that are computed: joint positions of a design, poses of the forward kinematics."""
+"""Datasets that are computed: joint positions of a design, poses by the forward kinematics."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from annik_core.robots.robot import Robot
 from annik_training.designs.registry import make_design
 
 
-def compute_dataset(
-    robot: Robot, design: str, size: int, seed: int, options: Mapping[str, Any] | None = None
+def generate_dataset(
+    robot: Robot, design: str, size: int, seed: int = 0, options: Mapping[str, Any] | None = None
 ) -> Dataset:
-    """Examples of a design, with the poses from the robot's forward kinematics.
+    """Examples of a design of experiments, with the poses of the robot's forward kinematics.
 
     Args:
         robot: the robot.
-        design: name of a registered design.
-        size: its size; see the design's ``size_means``.
-        seed: what a random design draws from.
+        design: one of :func:`annik_training.design_names`.
+        size: the value of the design's size option, such as the number of examples.
+        seed: seed of a random design.
         options: the design's own options.
 
     Raises:
-        DesignError: if the design can't be made like this.
+        InvalidValue: if the name, the size or an option is not allowed.
+        UnsupportedRobot: if the design can't be made for this robot.
     """
-    joint_positions = make_design(design, robot, size, seed, options)
+    joint_positions = make_design(robot, design, size, seed, options)
     poses = robot.forward_kinematics.poses(joint_positions)
     return Dataset(robot, joint_positions, poses, design, {"size": size, **(options or {})}, seed)
 
 
-def compute_random_dataset(robot: Robot, box: JointLimits, examples: int, seed: int) -> Dataset:
+def random_dataset(robot: Robot, box: JointLimits, examples: int, seed: int) -> Dataset:
     """Uniformly random joint positions in a box, for evaluation."""
     joint_positions = box.sample(examples, np.random.default_rng(seed))
     poses = robot.forward_kinematics.poses(joint_positions)

@@ -9,26 +9,17 @@ from scipy.stats import qmc
 
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
-from annik_training.designs.errors import InvalidDesignSize
-
-MAX_EXAMPLES = 1_000_000
 
 
 def random_design(box: JointLimits, examples: int, rng: np.random.Generator) -> FloatArray:
-    """Independent uniform joint positions ``(examples, dof)``.
-
-    Raises:
-        InvalidDesignSize: if ``examples`` is out of range; likewise for the others.
-    """
-    _check("random", examples)
+    """Independent uniform joint positions ``(examples, dof)``."""
     return box.sample(examples, rng)
 
 
 def latin_hypercube_design(
     box: JointLimits, examples: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Joint positions ``(examples, dof)``, one in each of as many slices of every joint."""
-    _check("latin_hypercube", examples)
+    """Joint positions ``(examples, dof)``, one in each of ``examples`` slices of every joint."""
     return _scaled(qmc.LatinHypercube(len(box.joint_names), seed=rng).random(examples), box)
 
 
@@ -37,15 +28,9 @@ def sobol_design(box: JointLimits, examples: int, rng: np.random.Generator) -> F
 
     A longer design with the same seed begins with a shorter one, so that examples can be added.
     """
-    _check("sobol", examples)
     sequence = qmc.Sobol(len(box.joint_names), seed=rng)
-    # Drawn up to a power of two, which is what the sequence is balanced for, then cut.
+    # Drawn up to a power of two, for which the sequence is balanced, then cut.
     return _scaled(sequence.random_base2(math.ceil(math.log2(examples)))[:examples], box)
-
-
-def _check(design: str, examples: int) -> None:
-    if not 1 <= examples <= MAX_EXAMPLES:
-        raise InvalidDesignSize(design, "examples", examples, 1, MAX_EXAMPLES)
 
 
 def _scaled(unit: FloatArray, box: JointLimits) -> FloatArray:

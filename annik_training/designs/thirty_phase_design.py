@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
-from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.grid import distinct_rows, grid_positions
-
-NAME = "thirty_phase"
-MAX_STEPS = 1000
+from annik_training.errors import UnsupportedRobot
 
 _MIN, _MED, _MAX = 0, 1, 2
 _BLOCK_SIZES = (2, 3, 4)
@@ -41,9 +38,8 @@ def phases(dof: int) -> list[Phase]:
     - Every second joint, the first one included, the others at min, then at max; the same for the
       remaining joints: phases 27-30.
 
-    With six joints this is Table 1 exactly. For other numbers it is our reading of the rule behind
-    it; with fewer than five joints a block that holds all joints is left out, since the phase with
-    all joints is there anyway.
+    With six joints this is exactly Table 1; for other numbers it extends the same rule. With fewer
+    than five joints a block of all joints is left out: the phase with all joints exists anyway.
     """
     joints = tuple(range(dof))
     table = [Phase((joint,), held_at) for held_at in (_MIN, _MED, _MAX) for joint in joints]
@@ -75,15 +71,13 @@ def thirty_phase_design(
         ``(n, dof)`` in the order of Table 1; by default without repeated rows.
 
     Raises:
-        InvalidDesignSize: if ``steps`` is out of range.
-        UnsupportedRobotForDesign: if the paper's rows are asked for other than six joints.
+        UnsupportedRobot: if the paper's rows are asked for other than six joints.
     """
     dof = len(box.joint_names)
-    check_steps(NAME, steps)
     if not keep_paper_rows:
         return distinct_positions(phases(dof), box, steps)
     if dof != 6:
-        raise UnsupportedRobotForDesign(NAME, f"with {dof} joints", "the paper's has six")
+        raise UnsupportedRobot("--paper-rows", f"{dof} joints", "the paper's robot has six")
     rows = np.concatenate(
         [
             half_steps(phase, dof, steps)[_paper_rows(number, steps)]
@@ -93,18 +87,8 @@ def thirty_phase_design(
     return grid_positions(rows, box, steps)
 
 
-def check_steps(design: str, steps: int) -> None:
-    """Refuse a number of steps that no sweep can have.
-
-    Raises:
-        InvalidDesignSize: naming the design and what is allowed.
-    """
-    if not 1 <= steps <= MAX_STEPS:
-        raise InvalidDesignSize(design, "steps", steps, 1, MAX_STEPS)
-
-
 def distinct_positions(table: Sequence[Phase], box: JointLimits, steps: int) -> FloatArray:
-    """Joint positions ``(n, dof)`` of phases, each kept where it first occurs."""
+    """Joint positions ``(n, dof)`` of phases; a repeated row is kept where it first occurs."""
     rows = np.concatenate([half_steps(phase, len(box.joint_names), steps) for phase in table])
     return grid_positions(distinct_rows(rows), box, steps)
 
@@ -112,8 +96,8 @@ def distinct_positions(table: Sequence[Phase], box: JointLimits, steps: int) -> 
 def half_steps(phase: Phase, dof: int, steps: int) -> NDArray[np.int64]:
     """Rows of a phase ``(steps + 1, dof)`` in half steps from the minimum.
 
-    As integers, so that equal rows are found exactly; in halves, because the median of an odd
-    number of steps is between two of them.
+    Integers, so that equal rows are found exactly; half steps, because the median of an odd number
+    of steps is between two steps.
     """
     rows = np.full((steps + 1, dof), phase.held_at * steps, dtype=np.int64)
     rows[:, phase.swept] = 2 * np.arange(steps + 1)[:, np.newaxis]
@@ -121,7 +105,7 @@ def half_steps(phase: Phase, dof: int, steps: int) -> NDArray[np.int64]:
 
 
 def _paper_rows(phase_number: int, steps: int) -> slice:
-    """Which of z = 0..j the paper's tables list for a phase, as its counts and rows show."""
+    """The z = 0..j that the paper's tables list for a phase, by its counts and rows."""
     without_first = {2, 3, 4, 5, 6, 26, 27, 29}
     without_last = {13, 14, 15, 16, 17, 26, 28, 30}
     return slice(
@@ -131,7 +115,7 @@ def _paper_rows(phase_number: int, steps: int) -> slice:
 
 
 def describe_phases(dof: int) -> Iterator[str]:
-    """One line per phase, with joints counted from 1, for the documentation and the terminal."""
+    """One line per phase, joints counted from 1, for the documentation."""
     names = {_MIN: "min", _MED: "med", _MAX: "max"}
     for number, phase in enumerate(phases(dof), start=1):
         swept = ", ".join(f"q{joint + 1}" for joint in phase.swept)

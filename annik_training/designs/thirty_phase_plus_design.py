@@ -1,8 +1,7 @@
-"""The paper's design, repaired: with the phases that make every two-joint interaction visible.
+"""The paper's design with more phases, so that every interaction of two joints can be identified.
 
 On the paper's examples some products of joint differences, such as (q1 - q2)(q4 - q6), are zero
-everywhere, whatever the number of steps: a robot whose pose depends on one of them can't be
-learned from these examples. Sweeping a few more pairs of joints together ends that.
+for any number of steps. A robot whose pose depends on such a product can't be learned from them.
 """
 
 from __future__ import annotations
@@ -15,17 +14,14 @@ from annik_core.robots.joint_limits import JointLimits
 from annik_training.designs.quadratic_model import ExactMatrix, term_values, vanishing_combinations
 from annik_training.designs.thirty_phase_design import (
     Phase,
-    check_steps,
     distinct_positions,
     half_steps,
     phases,
 )
 
-NAME = "thirty_phase_plus"
-
 _MEDIAN = 1
-#: A phase is a line in joint space, on which a quadratic that is zero at three points is zero
-#: everywhere: what two steps show is what any larger number shows.
+#: On a phase, a line in joint space, a quadratic that is zero at three points is zero everywhere.
+#: Two steps therefore show what any larger number shows.
 _STEPS_TO_SEE = 2
 
 
@@ -33,9 +29,8 @@ _STEPS_TO_SEE = 2
 def interaction_phases(dof: int) -> tuple[Phase, ...]:
     """The phases to add for a number of joints; for six, the pairs 1,3 1,4 1,5 2,5.
 
-    Pairs are swept together with the other joints at their medians, and are tried in order; one is
-    taken if a quadratic that vanishes on all phases so far does not vanish on it, until none is
-    left.
+    Each pair is swept together with the other joints at their medians. Pairs are tried in order;
+    one is added if a quadratic that vanishes on all phases so far does not vanish on it.
     """
     added: list[Phase] = []
     vanishing = vanishing_combinations(_rows(phases(dof), dof))
@@ -56,11 +51,7 @@ def thirty_phase_plus_design(box: JointLimits, steps: int) -> FloatArray:
     Args:
         box: the joint box.
         steps: j of eq. (6), the steps of each sweep.
-
-    Raises:
-        InvalidDesignSize: if ``steps`` is out of range.
     """
-    check_steps(NAME, steps)
     dof = len(box.joint_names)
     return distinct_positions([*phases(dof), *interaction_phases(dof)], box, steps)
 

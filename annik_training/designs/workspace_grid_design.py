@@ -1,4 +1,4 @@
-"""The paper's "known method": a regular grid of poses, and the joint positions that reach it."""
+"""The paper's "known method": the joint positions that reach a regular grid of poses."""
 
 from __future__ import annotations
 
@@ -9,12 +9,8 @@ import numpy as np
 from annik_core.pose import FloatArray
 from annik_core.robots.gantry import GantryKinematics, GantryWorkspace
 from annik_core.robots.robot import Robot
-from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.grid import distinct_rows
-
-NAME = "workspace_grid"
-MAX_POSITIONS_PER_AXIS = 100
-MAX_ORIENTATION_LEVELS = 100
+from annik_training.errors import UnsupportedRobot
 
 
 def workspace_grid_design(
@@ -35,21 +31,14 @@ def workspace_grid_design(
         ``(n, 6)`` drive angles [rad], x varying fastest, then y, z, orientation, as in Table 8.
 
     Raises:
-        InvalidDesignSize: if a number is out of range.
-        UnsupportedRobotForDesign: if the robot is not a gantry.
+        UnsupportedRobot: if the robot is not a gantry.
     """
     kinematics, workspace = robot.forward_kinematics, robot.workspace
     if not isinstance(kinematics, GantryKinematics) or not isinstance(workspace, GantryWorkspace):
-        raise UnsupportedRobotForDesign(
-            NAME, robot.name, "it needs an inverse in closed form, which only the gantry has"
-        )
-    if not 2 <= positions_per_axis <= MAX_POSITIONS_PER_AXIS:
-        raise InvalidDesignSize(
-            NAME, "positions per axis", positions_per_axis, 2, MAX_POSITIONS_PER_AXIS
-        )
-    if not 1 <= orientation_levels <= MAX_ORIENTATION_LEVELS:
-        raise InvalidDesignSize(
-            NAME, "orientation levels", orientation_levels, 1, MAX_ORIENTATION_LEVELS
+        raise UnsupportedRobot(
+            "design workspace_grid",
+            robot.name,
+            "it needs an inverse in closed form, which only the gantry has",
         )
     axis = np.linspace(0.0, 1.0, positions_per_axis)
     positions = [(x, y, z) for z, y, x in itertools.product(axis, axis, axis)]
@@ -60,6 +49,6 @@ def workspace_grid_design(
         [position + orientation for orientation in orientations for position in positions]
     )
     width = workspace.upper - workspace.lower
-    # Along the coordinate of a locked joint all grid positions are one.
+    # Along the coordinate of a locked joint all grid positions coincide.
     task = workspace.lower + distinct_rows(fraction * (width > 0)) * width
     return kinematics.joint_positions(task)

@@ -1,9 +1,9 @@
-"""One branch: which examples a network can learn as a function of the pose.
+"""One branch of solutions, which a network can learn as a function of the pose.
 
-Where a working joint box reaches across a singularity, some poses have two solutions in it, and a
-network that is shown both learns neither. The branch that most of the examples are on, told by
-the sign of the Jacobian's determinant, is the main one. An example on the other is left out if the
-main one reaches its pose too, inside the box; if not, it is the only way there, and stays.
+Where a joint box crosses a singularity, some poses have two solutions in it, and a network that
+sees both learns neither. The main branch is the one with most of the examples, by the sign of the
+Jacobian's determinant. An example on the other branch is left out if the main branch reaches its
+pose too, inside the box; otherwise it is the only solution, and stays.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from annik_core.solver.options import RefinementOptions
 from annik_core.solver.refinement import Refinement
 from annik_core.solver.singularity import reflected_across_singularity
 
-#: Steps of the search for the other solution; nothing hurries here.
+#: Most refinement steps towards the other solution.
 _STEPS = 40
 
 
@@ -25,8 +25,8 @@ def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None
     """Signs ``(n,)`` of the Jacobian's determinant at joint positions ``(n, dof)``.
 
     Returns:
-        +1 or -1 per example. None for the gantry, which has one branch, and for an arm that has
-        not six joints that move: then the Jacobian has no determinant.
+        +1 or -1 per example. None for the gantry, which has one branch, and for an arm unless six
+        joints are free: its Jacobian has no determinant.
     """
     free = robot.joint_box.free
     if robot.kind != "arm" or len(free) != 6:
@@ -39,12 +39,12 @@ def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None
 def single_branch(
     robot: Robot, joint_positions: FloatArray, poses: FloatArray
 ) -> NDArray[np.bool_]:
-    """Which examples to learn ``(n,)``: all but second solutions of what the main branch reaches.
+    """Examples to learn ``(n,)``: all but second solutions of poses that the main branch reaches.
 
     Args:
         robot: the robot.
-        joint_positions: ``(n, dof)``.
-        poses: ``(n, 7)``: where they lead.
+        joint_positions: ``(n, dof)`` [rad or m].
+        poses: ``(n, 7)`` of the end effector in the base frame there.
     """
     keep = np.ones(len(joint_positions), dtype=bool)
     signs = branch_signs(robot, joint_positions)
@@ -62,7 +62,7 @@ def single_branch(
 def _reaches(
     refinement: Refinement, robot: Robot, sign: float, other: FloatArray, pose: FloatArray
 ) -> bool:
-    """Whether some joint positions of the box on the branch of this sign reach a pose."""
+    """Whether joint positions of the box on the branch of this sign reach a pose."""
     kinematics = robot.forward_kinematics
     beyond = reflected_across_singularity(
         lambda q: kinematics.linearise(q, pose).jacobian, other, robot.joint_box.free

@@ -2,24 +2,23 @@
 
 In the Bayesian reading of [MacKay1992]_ the weights w have a Gaussian prior of precision alpha and
 the examples Gaussian noise of precision beta; the network minimises beta E_D + alpha E_W, with E_D
-and E_W half the sums of squares of residuals and weights. Only r^2 = alpha / beta matters to the
-minimum: it is the weight decay r of
+and E_W half the sums of squares of residuals and weights. The minimum depends on
+r^2 = alpha / beta only: the weight decay r of
 :class:`annik_training.fitting.variable_projection.SeparableProblem`, on all weights but those
 of the linear path, whose prior is flat. With J the Jacobian of the N residuals in the p weights,
-H = J^T J + r^2 I (the Gauss-Newton approximation of [Foresee1997]_), and the noise put in at its
-most likely value, the logarithm of the evidence is, but for a constant,
+H = J^T J + r^2 I (the Gauss-Newton approximation of [Foresee1997]_), and the noise at its most
+likely value, the logarithm of the evidence is, up to a constant,
 
     -N/2 log(2 (E_D + r^2 E_W) / N) + p log r - 1/2 log det H,
 
-and where it is greatest (MacKay's re-estimation)
+and at its maximum (MacKay's re-estimation)
 
     r^2 = gamma E_D / ((N - gamma) E_W),   gamma = p - r^2 tr(H^-1),
 
-gamma being the number of weights that the examples determine. The evidence is compared along a
-path from a vanishing to a strong weight decay, each minimum being the start for the next; the
-re-estimation refines the best one. On a path, because re-estimation alone takes very many rounds
-to find that examples have no noise; upwards, because a strong decay may pull all weights to zero,
-from where no gradient leads back.
+where gamma is the number of weights that the examples determine. The evidence is compared along a
+path from weak to strong weight decay, each minimum being the start for the next; re-estimation
+refines the best. Re-estimation alone needs very many rounds if the examples have no noise; the
+path goes upwards because a strong decay may pull all weights to zero, where the gradient vanishes.
 
 References:
     [MacKay1992] D. MacKay: Bayesian interpolation. Neural Computation 4(3), 1992.
@@ -39,20 +38,20 @@ from annik_training.fitting.variable_projection import SeparableProblem, minimis
 
 #: The path: weight decays a decade apart.
 PATH = tuple(10.0**exponent for exponent in range(-8, 0))
-#: Part of the evaluations that is spent on the path; the rest refines its best.
+#: Fraction of the evaluations that is spent on the path; the rest refines its best.
 _PATH_SHARE = 0.75
-#: Stands for a sum of squares of zero, which examples that are all alike leave.
+#: Least sum of squares, for examples that are all alike.
 _SMALLEST = 1e-300
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the examples say of a weight decay, at the minimum for it.
+    """Evidence of a weight decay, at the minimum for it.
 
     Attributes:
-        log_evidence: but for a constant.
+        log_evidence: up to a constant.
         determined_weights: gamma.
-        re_estimate: the weight decay that would be right if gamma, E_D and E_W stayed.
+        re_estimate: the best weight decay for these gamma, E_D and E_W.
     """
 
     log_evidence: float
@@ -63,15 +62,15 @@ class Evidence:
 def minimise_with_chosen_decay(
     problem: SeparableProblem, start: FloatArray, max_evaluations: int
 ) -> tuple[FloatArray, int]:
-    """Hidden weights ``(p,)`` near the weight decay of most evidence, and the evaluations taken.
+    """Hidden weights ``(p,)`` for the weight decay of most evidence, and the evaluations.
 
-    The stop of most evidence is refined by re-estimation twice, if evaluations are left.
+    The best point of the path is refined by re-estimation twice, if evaluations are left.
 
     Args:
-        problem: what to minimise; its ``ridge`` is left at the weight decay that was chosen.
-        start: ``(p,)`` hidden weights.
-        max_evaluations: most evaluations of the residual, all in all; at least one is spent at
-            each stop of the path.
+        problem: the problem; its ``ridge`` is set to the chosen weight decay.
+        start: ``(p,)`` initial hidden weights.
+        max_evaluations: most evaluations of the residual in total; at least one is spent at each
+            point of the path.
     """
     share = max(1, int(_PATH_SHARE * max_evaluations) // len(PATH))
     weights, evaluations = start, 0
@@ -83,7 +82,7 @@ def minimise_with_chosen_decay(
         stops.append((evidence(problem, weights), decay, weights))
     best, decay, weights = max(stops, key=lambda stop: stop[0].log_evidence)
     for remaining in (2, 1):
-        # Not further than the path's own step: farther off, the path has found less evidence.
+        # At most one step of the path: beyond it, the path has found less evidence.
         problem.ridge = float(np.clip(best.re_estimate, decay / 10.0, decay * 10.0))
         share = (max_evaluations - evaluations) // remaining
         if share > 0:
@@ -97,14 +96,14 @@ def evidence(problem: SeparableProblem, weights: FloatArray) -> Evidence:
     """The evidence of the problem's weight decay.
 
     Args:
-        problem: the problem, with the weight decay in use as its ``ridge``.
+        problem: the problem; its ``ridge`` is the weight decay.
         weights: ``(p,)`` hidden weights, at or near the minimum for it.
     """
     output = problem.linear_layers(weights).output
     hidden_part = problem.activations_jacobian(weights, output.T).flatten(end_dim=1)
     identity = torch.eye(problem.outputs, dtype=torch.float64)
     output_part = torch.kron(problem.activations(weights), identity)
-    # By torch, which the fit keeps to one thread; NumPy would start more.
+    # By torch, which is limited to one thread; NumPy is not.
     jacobian = torch.cat([hidden_part, output_part], dim=1)
     singular = torch.linalg.svdvals(jacobian).numpy()
     count = jacobian.shape[1]

@@ -1,15 +1,11 @@
-"""Fit of a network: restarts, held-out examples, and the choice among them.
-
-Fit a network to examples of any system: several starts, the winner chosen on held-out ones.
-
-Fit the inverse kinematics of a robot to a dataset.
-"""
+"""Fit of a network: random restarts, held-out examples, and the choice of the best restart."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,7 +17,7 @@ from annik_core.pose import FloatArray
 from annik_training.fitting.branches import single_branch
 from annik_training.fitting.evidence import minimise_with_chosen_decay
 from annik_training.fitting.lbfgs import minimise_all_weights
-from annik_training.fitting.options import FitOptions, default_options
+from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import InverseKinematicsSystem, System
 from annik_training.fitting.threads import one_thread
 from annik_training.fitting.variable_projection import ScaledExamples, SeparableProblem, minimise
@@ -29,7 +25,12 @@ from annik_training.networks.network import InverseKinematicsNetwork, ScaledNetw
 
 
 class TooFewExamples(AnnikError):
-    """A dataset is too small for what was asked of it."""
+    """A dataset is too small.
+
+    Attributes:
+        examples: number of examples.
+        minimum: least number.
+    """
 
     def __init__(self, examples: int, minimum: int, purpose: str) -> None:
         self.examples = examples
@@ -45,17 +46,17 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """What a network is to learn, in the units of the system.
+    """Inputs and targets of a network, in the units of the system.
 
     Attributes:
-        inputs: ``(n, m)`` what the network sees.
-        targets: ``(n, k)`` what it should say.
+        inputs: ``(n, m)``.
+        targets: ``(n, k)``.
         target_box: least and greatest targets, each ``(k,)``.
-        input_jacobians: ``(n, m, dof)`` derivatives of the inputs in the joint positions, or None
-            where they are not needed.
+        input_jacobians: ``(n, m, dof)`` derivatives of the inputs by the joint positions, or None
+            if the fit does not need them.
         target_jacobians: ``(n, k, dof)`` likewise.
-        joint_half_width: ``(dof,)`` half the width of the joint box: the unit of a joint's motion
-            by which slopes are compared.
+        joint_half_width: ``(dof,)`` half the width of the joint box: the unit of joint motion in
+            which derivatives are compared.
     """
 
     inputs: FloatArray
@@ -76,39 +77,48 @@ def examples_of(
     options: FitOptions,
     inputs: FloatArray | None = None,
 ) -> Examples:
-    """Examples of a system, with slopes if the fit wants them.
+    """Examples of a system, with derivatives if the fit uses them.
 
     Args:
         system: the system.
         joint_positions: ``(n, dof)`` [rad or m].
-        options: how they will be fitted.
-        inputs: ``(n, m)`` what the network sees there, if that is known already: the system's own
-            can be slow to compute.
+        options: options of the fit.
+        inputs: ``(n, m)`` the network's inputs there, if known already.
     """
-    slopes = options.slope_weight > 0
+    sobolev = options.sobolev_weight > 0
     return Examples(
         system.inputs(joint_positions) if inputs is None else inputs,
         system.targets(joint_positions),
         system.target_box,
-        system.input_jacobians(joint_positions) if slopes else None,
-        system.target_jacobians(joint_positions) if slopes else None,
-        0.5 * (system.joint_box.upper - system.joint_box.lower) if slopes else None,
+        system.input_jacobians(joint_positions) if sobolev else None,
+        system.target_jacobians(joint_positions) if sobolev else None,
+        0.5 * (system.joint_box.upper - system.joint_box.lower) if sobolev else None,
     )
+
+
+def dataset_examples(
+    system: InverseKinematicsSystem, dataset: Dataset, options: FitOptions
+) -> Examples:
+    """Examples of a dataset: its own poses, with the derivatives of the robot's model."""
+    inputs = system.features(dataset.poses, dataset.joint_positions)
+    return examples_of(system, dataset.joint_positions, options, inputs)
 
 
 @dataclass(frozen=True, eq=False)
 class Restart:
-    """One start and where it ended. Mean square errors are in scaled target units.
+    """A fit from one set of random initial weights. Errors are mean squares of scaled targets.
 
     Attributes:
-        number: which start.
+        number: number of the restart, from 0.
+        network: the fitted network.
         training_error: on the examples that were fitted.
         held_out_error: on those that were held out; None if there are none.
         evaluations: evaluations of the residual.
-        weight_decay: the one used: the ridge, or what the evidence chose; L-BFGS has none.
+        weight_decay: the ridge, or what the evidence chose; 0 with L-BFGS.
     """
 
     number: int
+    network: ScaledNetwork
     training_error: float
     held_out_error: float | None
     evaluations: int
@@ -116,99 +126,90 @@ class Restart:
 
     @property
     def choosing_error(self) -> float:
-        """What the winner has least of: the held-out error, or else the training error."""
+        """The held-out error, or else the training error: the least wins."""
         return self.training_error if self.held_out_error is None else self.held_out_error
 
-
-@dataclass(frozen=True, eq=False)
-class FittedStarts:
-    """All starts of a fit.
-
-    Attributes:
-        networks: one per start.
-        restarts: what is known of each.
-        held_out: indices of the examples that only chose the winner.
-    """
-
-    networks: tuple[ScaledNetwork, ...]
-    restarts: tuple[Restart, ...]
-    held_out: Indices
-
-    @property
-    def winner(self) -> int:
-        """The start with the least error on the held-out examples."""
-        return min(self.restarts, key=lambda restart: restart.choosing_error).number
-
-    @property
-    def network(self) -> ScaledNetwork:
-        """The winner's network."""
-        return self.networks[self.winner]
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the network, as plain data."""
+        return {name: value for name, value in vars(self).items() if name != "network"}
 
 
-def fit_starts(
-    examples: Examples,
-    options: FitOptions,
-    on_restart: Callable[[Restart], None] | None = None,
-) -> FittedStarts:
-    """Fit a network from several random starts.
+def best_of(restarts: tuple[Restart, ...]) -> Restart:
+    """The restart with the least error on the held-out examples, or else on all."""
+    return min(restarts, key=lambda restart: restart.choosing_error)
 
-    Some examples, drawn at random, are held out, and each start is fitted to the others.
 
-    Args:
-        examples: what to learn.
-        options: how to fit.
-        on_restart: told of each start as it ends, for a progress bar.
+def held_out_rows(count: int, options: FitOptions) -> tuple[Indices, Indices]:
+    """Indices of the examples that are held out, drawn at random, and of the others.
 
     Raises:
         TooFewExamples: if examples are held out and there are fewer than :data:`MIN_EXAMPLES`,
             or if there are none.
     """
-    if options.held_out_fraction > 0 and len(examples) < MIN_EXAMPLES:
-        raise TooFewExamples(len(examples), MIN_EXAMPLES, "a fit with held-out examples")
-    if len(examples) == 0:
+    if options.held_out_fraction > 0 and count < MIN_EXAMPLES:
+        raise TooFewExamples(count, MIN_EXAMPLES, "a fit with held-out examples")
+    if count == 0:
         raise TooFewExamples(0, 1, "a fit")
-    split_seed, *start_seeds = np.random.SeedSequence(options.seed).spawn(options.restarts + 1)
-    order = np.random.default_rng(split_seed).permutation(len(examples))
-    held_out_count = 0
+    split_seed, *_ = _seeds(options)
+    order = np.random.default_rng(split_seed).permutation(count)
+    held_out = 0
     if options.held_out_fraction > 0:
-        held_out_count = max(1, round(options.held_out_fraction * len(examples)))
-    held_out, training = order[:held_out_count], order[held_out_count:]
-    fits = []
-    for number, start_seed in enumerate(start_seeds):
-        rng = np.random.default_rng(start_seed)
-        fits.append(fit_start(examples, training, held_out, options, number, rng))
+        held_out = max(1, round(options.held_out_fraction * count))
+    return order[:held_out], order[held_out:]
+
+
+def fit_restarts(
+    examples: Examples,
+    options: FitOptions,
+    on_restart: Callable[[Restart], None] | None = None,
+) -> tuple[Restart, ...]:
+    """Fit a network from several sets of random initial weights.
+
+    Args:
+        examples: the examples.
+        options: options of the fit.
+        on_restart: called with each restart when it ends, such as for a progress bar.
+
+    Raises:
+        TooFewExamples: see :func:`held_out_rows`.
+    """
+    held_out, training = held_out_rows(len(examples), options)
+    _, *restart_seeds = _seeds(options)
+    restarts = []
+    for number, seed in enumerate(restart_seeds):
+        rng = np.random.default_rng(seed)
+        restarts.append(fit_restart(examples, training, held_out, options, number, rng))
         if on_restart is not None:
-            on_restart(fits[-1][1])
-    networks, restarts = zip(*fits, strict=True)
-    return FittedStarts(networks, restarts, held_out)
+            on_restart(restarts[-1])
+    return tuple(restarts)
 
 
-def fit_start(
+def fit_restart(
     examples: Examples,
     training: Indices,
     held_out: Indices,
     options: FitOptions,
     number: int,
     rng: np.random.Generator,
-) -> tuple[ScaledNetwork, Restart]:
-    """Fit one random start to some of the examples and measure it on others.
+) -> Restart:
+    """Fit one set of random initial weights.
 
     Args:
-        examples: what to learn.
+        examples: the examples.
         training: indices of the examples to fit; the inputs are scaled to their box.
-        held_out: indices of the examples to measure on, possibly none.
-        options: how to fit.
-        number: which start this is.
-        rng: what the start is drawn from.
+        held_out: indices of the examples to measure the error on, possibly none.
+        options: options of the fit.
+        number: number of this restart.
+        rng: draws the initial weights.
     """
     network = untrained_network(examples, training, options)
     network.hidden.initialise(rng)
     scaled = scaled_examples(network, examples)
     with one_thread():
         if options.optimiser == "lbfgs":
-            _silence(network)
+            _zero_output_layer(network)
             evaluations = minimise_all_weights(
-                network, scaled.rows(training), options.slope_weight, options.max_evaluations
+                network, scaled.rows(training), options.sobolev_weight, options.max_evaluations
             )
             training_error, decay = _error(network, scaled.rows(training)), 0.0
         else:
@@ -216,33 +217,11 @@ def fit_start(
                 network, scaled.rows(training), options
             )
         held_out_error = _error(network, scaled.rows(held_out)) if len(held_out) else None
-    return network, Restart(number, training_error, held_out_error, evaluations, decay)
-
-
-def _minimise_separably(
-    network: ScaledNetwork, examples: ScaledExamples, options: FitOptions
-) -> tuple[float, int, float]:
-    """Fit by variable projection: the error that is left, evaluations, and the weight decay."""
-    problem = SeparableProblem(
-        network.hidden,
-        examples,
-        options.ridge,
-        linear_path=options.linear_path,
-        slope_weight=options.slope_weight,
-        decay_hidden=options.bayesian_regularisation,
-    )
-    start = torch.cat(
-        [value.detach().reshape(-1) for value in network.hidden.parameters()]
-    ).numpy()
-    find = minimise_with_chosen_decay if options.bayesian_regularisation else minimise
-    weights, evaluations = find(problem, start, options.max_evaluations)
-    problem.assign(weights)
-    _take_over(network, problem, weights)
-    return problem.mean_square_error(weights), evaluations, problem.ridge
+    return Restart(number, network, training_error, held_out_error, evaluations, decay)
 
 
 def untrained_network(examples: Examples, rows: Indices, options: FitOptions) -> ScaledNetwork:
-    """A network of the right size, scaled to some of the examples; its weights mean nothing."""
+    """A network of the right size, scaled to some of the examples, with arbitrary weights."""
     inputs = examples.inputs[rows]
     return ScaledNetwork(
         options.hidden_units,
@@ -263,49 +242,28 @@ def scaled_examples(network: ScaledNetwork, examples: Examples) -> ScaledExample
         motion = torch.from_numpy(examples.joint_half_width)
         # (n, m, dof) to (n, dof, m): one direction for each joint.
         directions = torch.from_numpy(examples.input_jacobians) * motion
-        slopes = torch.from_numpy(examples.target_jacobians) * motion
+        derivatives = torch.from_numpy(examples.target_jacobians) * motion
         return ScaledExamples(
             inputs,
             targets,
             directions.transpose(1, 2) / network.input_scaling.half_width,
-            slopes.transpose(1, 2) / network.output_scaling.half_width,
+            derivatives.transpose(1, 2) / network.output_scaling.half_width,
         )
-
-
-def _error(network: ScaledNetwork, examples: ScaledExamples) -> float:
-    with torch.no_grad():
-        return float(torch.mean((network.scaled(examples.inputs) - examples.targets) ** 2))
-
-
-def _silence(network: ScaledNetwork) -> None:
-    """Let it answer zero, the centre of the targets: a gentle start for all weights at once."""
-    with torch.no_grad():
-        for layer in (network.output, network.linear_path):
-            for parameter in () if layer is None else layer.parameters():
-                parameter.zero_()
-
-
-def _take_over(network: ScaledNetwork, problem: SeparableProblem, weights: FloatArray) -> None:
-    layers = problem.linear_layers(weights)
-    with torch.no_grad():
-        network.output.weight.copy_(layers.output)
-        network.output.bias.copy_(layers.bias)
-        if network.linear_path is not None:
-            network.linear_path.weight.copy_(layers.linear_path)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedNetwork:
-    """A trained network and how it came about.
+    """A fitted network of inverse kinematics.
 
     Attributes:
-        network: the winner.
-        dataset: what it was trained on.
-        options: how.
-        restarts: every start.
-        winner: which one won.
+        network: the network of the best restart, behind the encoding of poses.
+        dataset: the examples.
+        options: options of the fit.
+        restarts: all restarts.
+        winner: number of the best one.
         held_out: indices of the examples that only chose it.
-        second_solutions: how many examples were left out, see :mod:`branches`.
+        second_solutions: number of examples that were left out, see
+            :mod:`annik_training.fitting.branches`.
         seconds: wall time of the fit.
     """
 
@@ -320,44 +278,85 @@ class FittedNetwork:
 
 
 def fit(
-    dataset: Dataset,
-    options: FitOptions | None = None,
-    on_restart: Callable[[Restart], None] | None = None,
+    dataset: Dataset, options: FitOptions, on_restart: Callable[[Restart], None] | None = None
 ) -> FittedNetwork:
     """Fit a network to a dataset.
 
-    Some examples, drawn at random, are held out; each start is fitted to the others, and the start
-    with the smallest error on the held-out ones wins. Nothing else chooses it.
+    The restart with the smallest error on the held-out examples wins; nothing else chooses it.
 
     Args:
         dataset: the examples.
-        options: how to fit; left out, as suits the kind of robot.
-        on_restart: told of each start as it ends, for a progress bar.
+        options: options of the fit.
+        on_restart: called with each restart when it ends, such as for a progress bar.
 
     Raises:
-        TooFewExamples: see :func:`annik_training.fitting.fit.fit_starts`.
+        TooFewExamples: see :func:`held_out_rows`.
     """
-    options = options or default_options(dataset.robot.kind)
     begin = time.perf_counter()
     system = InverseKinematicsSystem(dataset.robot)
     learned = single_branch(dataset.robot, dataset.joint_positions, dataset.poses)
     examples = dataset_examples(system, dataset.rows(learned), options)
-    fitted = fit_starts(examples, options, on_restart)
+    restarts = fit_restarts(examples, options, on_restart)
+    held_out, _ = held_out_rows(len(examples), options)
+    best = best_of(restarts)
     return FittedNetwork(
-        InverseKinematicsNetwork(system.encoding, fitted.network),
+        InverseKinematicsNetwork(system.encoding, best.network),
         dataset,
         options,
-        fitted.restarts,
-        fitted.winner,
-        np.flatnonzero(learned)[fitted.held_out],
+        restarts,
+        best.number,
+        np.flatnonzero(learned)[held_out],
         int((~learned).sum()),
         time.perf_counter() - begin,
     )
 
 
-def dataset_examples(
-    system: InverseKinematicsSystem, dataset: Dataset, options: FitOptions
-) -> Examples:
-    """The examples of a dataset: its own poses, with the slopes of the robot's model."""
-    inputs = system.features(dataset.poses, dataset.joint_positions)
-    return examples_of(system, dataset.joint_positions, options, inputs)
+def _seeds(options: FitOptions) -> list[np.random.SeedSequence]:
+    """Seed of the held-out examples, then one for each restart."""
+    return np.random.SeedSequence(options.seed).spawn(options.restarts + 1)
+
+
+def _minimise_separably(
+    network: ScaledNetwork, examples: ScaledExamples, options: FitOptions
+) -> tuple[float, int, float]:
+    """Fit by variable projection: the remaining error, evaluations, and the weight decay."""
+    problem = SeparableProblem(
+        network.hidden,
+        examples,
+        options.ridge,
+        linear_path=options.linear_path,
+        sobolev_weight=options.sobolev_weight,
+        decay_hidden=options.bayesian_regularisation,
+    )
+    start = torch.cat(
+        [value.detach().reshape(-1) for value in network.hidden.parameters()]
+    ).numpy()
+    find = minimise_with_chosen_decay if options.bayesian_regularisation else minimise
+    weights, evaluations = find(problem, start, options.max_evaluations)
+    problem.assign(weights)
+    _copy_linear_layers(network, problem, weights)
+    return problem.mean_square_error(weights), evaluations, problem.ridge
+
+
+def _error(network: ScaledNetwork, examples: ScaledExamples) -> float:
+    with torch.no_grad():
+        return float(torch.mean((network.scaled(examples.inputs) - examples.targets) ** 2))
+
+
+def _zero_output_layer(network: ScaledNetwork) -> None:
+    """Zero what is behind the hidden layers, so that the fit starts at the centre of the box."""
+    with torch.no_grad():
+        for layer in (network.output, network.linear_path):
+            for parameter in () if layer is None else layer.parameters():
+                parameter.zero_()
+
+
+def _copy_linear_layers(
+    network: ScaledNetwork, problem: SeparableProblem, weights: FloatArray
+) -> None:
+    layers = problem.linear_layers(weights)
+    with torch.no_grad():
+        network.output.weight.copy_(layers.output)
+        network.output.bias.copy_(layers.bias)
+        if network.linear_path is not None:
+            network.linear_path.weight.copy_(layers.linear_path)

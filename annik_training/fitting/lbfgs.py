@@ -1,9 +1,9 @@
-"""All weights at once by L-BFGS: for networks whose Jacobian is too large to factorise.
+"""L-BFGS on all weights, for networks whose Jacobian is too large to factorise.
 
-Minimises the mean square error of the targets and, with Sobolev training [Czarnecki2017]_, of the
-slopes beside it, see :mod:`annik_training.fitting.variable_projection`. The slopes of a
-network of tanh layers are carried forward with its activations, so one evaluation costs as much as
-that of 1 + d times as many examples.
+Minimises the mean square error of the targets and, with Sobolev training, of the derivatives
+beside it; see :mod:`annik_training.fitting.variable_projection`. The derivatives of a network of
+tanh layers are carried forward with its activations, so one evaluation with d directions costs as
+much as 1 + d evaluations without.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from torch import Tensor, nn
 from annik_training.fitting.variable_projection import ScaledExamples
 from annik_training.networks.network import ScaledNetwork
 
-#: Pairs of steps and gradients that stand for the curvature.
+#: Pairs of steps and gradients that approximate the curvature.
 _HISTORY = 50
 
 
 def minimise_all_weights(
-    network: ScaledNetwork, examples: ScaledExamples, slope_weight: float, max_evaluations: int
+    network: ScaledNetwork, examples: ScaledExamples, sobolev_weight: float, max_evaluations: int
 ) -> int:
-    """Fit all weights of a network, from those that it has; returns the evaluations it took.
+    """Fit all weights of a network in place; returns the number of evaluations.
 
     Args:
-        network: the network; its weights are changed.
-        examples: what to fit, scaled.
-        slope_weight: weight of the mean square error of the slopes, where there are any.
-        max_evaluations: most evaluations of error and gradient. Where they end within a line
-            search, the best weights so far are taken.
+        network: the network, with its initial weights.
+        examples: the examples, scaled.
+        sobolev_weight: weight of the mean square error of the derivatives, if there are any.
+        max_evaluations: most evaluations of error and gradient. If they end within a line search,
+            the best weights so far are used.
     """
     optimiser = torch.optim.LBFGS(
         network.parameters(),
@@ -48,11 +48,11 @@ def minimise_all_weights(
     def error() -> Tensor:
         nonlocal evaluations, least, best
         if evaluations == max_evaluations:
-            # The optimiser counts after a line search only.
+            # The optimiser itself counts only after a line search.
             raise _EvaluationsUsedUp
         evaluations += 1
         optimiser.zero_grad()
-        value = _error(network, examples, slope_weight)
+        value = _error(network, examples, sobolev_weight)
         value.backward()  # type: ignore[no-untyped-call]
         if value.item() < least:
             least = value.item()
@@ -75,16 +75,16 @@ class _EvaluationsUsedUp(Exception):
     """Ends a line search."""
 
 
-def _error(network: ScaledNetwork, examples: ScaledExamples, slope_weight: float) -> Tensor:
-    if slope_weight == 0.0 or examples.directions is None or examples.slopes is None:
+def _error(network: ScaledNetwork, examples: ScaledExamples, sobolev_weight: float) -> Tensor:
+    if sobolev_weight == 0.0 or examples.directions is None or examples.derivatives is None:
         return torch.mean((network.scaled(examples.inputs) - examples.targets) ** 2)
-    answers, slopes = answers_and_slopes(network, examples.inputs, examples.directions)
-    return torch.mean((answers - examples.targets) ** 2) + slope_weight * torch.mean(
-        (slopes - examples.slopes) ** 2
+    outputs, derivatives = outputs_and_derivatives(network, examples.inputs, examples.directions)
+    return torch.mean((outputs - examples.targets) ** 2) + sobolev_weight * torch.mean(
+        (derivatives - examples.derivatives) ** 2
     )
 
 
-def answers_and_slopes(
+def outputs_and_derivatives(
     network: ScaledNetwork, inputs: Tensor, directions: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Scaled outputs ``(n, k)`` and their derivatives ``(n, d, k)`` along directions.
@@ -94,13 +94,13 @@ def answers_and_slopes(
         inputs: ``(n, m)`` scaled.
         directions: ``(n, d, m)``.
     """
-    activations, slopes = inputs, directions
+    activations, derivatives = inputs, directions
     for layer in network.hidden.layers:
         assert isinstance(layer, nn.Linear)
         activations = torch.tanh(layer(activations))
-        slopes = (slopes @ layer.weight.T) * (1.0 - activations**2).unsqueeze(1)
-    answers, answer_slopes = network.output(activations), slopes @ network.output.weight.T
+        derivatives = (derivatives @ layer.weight.T) * (1.0 - activations**2).unsqueeze(1)
+    outputs, derivatives = network.output(activations), derivatives @ network.output.weight.T
     if network.linear_path is not None:
-        answers = answers + network.linear_path(inputs)
-        answer_slopes = answer_slopes + directions @ network.linear_path.weight.T
-    return answers, answer_slopes
+        outputs = outputs + network.linear_path(inputs)
+        derivatives = derivatives + directions @ network.linear_path.weight.T
+    return outputs, derivatives

@@ -1,16 +1,13 @@
-"""Levenberg-Marquardt that gives the same bits for the same start, whatever ran before it.
+"""Levenberg-Marquardt whose result is the same, bit for bit, for the same start.
 
-Networks have directions in which the residual does not change, so the Jacobians are rank deficient
-to the last digit, and rounding decides the step along these directions. SciPy's MINPACK rounds
-unlike from one call to the next there (its memory is aligned now so, now otherwise), and a fit
-could not be repeated. Torch aligns its memory and its factorisations are blocked, so this is also
-the faster one.
+The Jacobians of networks are rank deficient, and rounding decides the step along the directions
+without effect. SciPy's MINPACK rounds differently from call to call, with the alignment of its
+memory, so a fit could not be repeated; torch aligns its memory, and is faster.
 
-One step h solves min |f + J h|^2 + mu d^2 |h|^2 by orthogonal factorisations, the columns of J
-being reduced once for all damping factors mu that are tried [More1978]_; d is the greatest norm
-yet of a column. All weights are damped alike: with scaled inputs and targets they are of one
-order, and of the many minima this leads to one near the start. The damping factor follows the gain
-ratio as in [Nielsen1999]_.
+One step h solves min |f + J h|^2 + mu d^2 |h|^2 by orthogonal factorisations; J is reduced once
+for all damping factors mu that are tried [More1978]_, and d is the greatest column norm so far.
+All weights are damped alike, since with scaled inputs and targets they are of the same order. The
+damping factor follows the gain ratio as in [Nielsen1999]_.
 
 References:
     [More1978] J. J. More: The Levenberg-Marquardt algorithm: implementation and theory. Lecture
@@ -27,13 +24,13 @@ from torch import Tensor
 
 from annik_core.pose import FloatArray
 
-#: The first damping factor, relative to the greatest column norm, squared.
+#: First damping factor mu.
 _FIRST_DAMPING = 1e-5
 #: The damping factor falls at most to a third in one step.
 _LEAST_FACTOR = 1.0 / 3.0
-#: Relative decrease of the sum of squares, and relative length of a step, that count as none.
+#: Converged at this relative decrease of the sum of squares, or relative length of a step.
 TOLERANCE = 1e-12
-#: Norm of a column that no weight has any effect through.
+#: Least column norm d.
 _SMALLEST_NORM = 1e-12
 
 
@@ -43,12 +40,12 @@ def levenberg_marquardt(
     start: FloatArray,
     max_evaluations: int,
 ) -> tuple[FloatArray, int]:
-    """Weights ``(p,)`` that minimise a sum of squares, and the evaluations that it took.
+    """Weights ``(p,)`` that minimise a sum of squares, and the number of evaluations.
 
     Args:
         residual: weights ``(p,)`` to residuals ``(m,)``, float64; ``m`` may be less than ``p``.
         jacobian: weights to derivatives ``(m, p)``.
-        start: ``(p,)``.
+        start: ``(p,)`` initial weights.
         max_evaluations: most evaluations of the residual, at least one.
     """
     weights = torch.tensor(start)
@@ -69,7 +66,7 @@ def levenberg_marquardt(
             residuals_there = torch.tensor(residual(candidate.numpy()))
             evaluations += 1
             before, after = float(residuals @ residuals), float(residuals_there @ residuals_there)
-            # Both sums of squares lack the same part, that which no step can change.
+            # Both sums of squares omit the part that no step can change.
             expected = float(projected @ projected - torch.sum((projected + reduced @ step) ** 2))
             gain = (before - after) / expected if expected > 0.0 else -1.0
             accepted = gain > 0.0

@@ -1,114 +1,97 @@
-"""How to fit a network."""
+"""Options of the fit of a network."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from annik_core.errors import AnnikError
+from annik_core.errors import InvalidValue
+from annik_core.settings import setting, settings_of
 
-
-class TrainingError(AnnikError):
-    """A network could not be trained."""
-
-
-class InvalidTrainingOption(TrainingError):
-    """A training option is out of range."""
-
-    def __init__(self, option: str, value: object, allowed: str) -> None:
-        self.option = option
-        self.value = value
-        self.allowed = allowed
-        super().__init__(f"{option} is {value!r}; allowed: {allowed}")
-
-
-OPTIMISERS = ("levenberg_marquardt", "lbfgs")
+_MAX_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How to fit.
-
-    Attributes:
-        hidden_units: sizes of the hidden layers; the paper's network has one of 20.
-        restarts: how many random starts to fit; the best on the held-out examples wins.
-        held_out_fraction: part of the examples that only choose the winner. With 0 all examples
-            are fitted, and the start with the smallest error on them wins.
-        max_evaluations: most evaluations of the residual per start.
-        ridge: see :class:`annik_training.fitting.variable_projection.SeparableProblem`; with
-            ``bayesian_regularisation`` it has no part, nor with ``lbfgs``.
-        linear_path: let the inputs reach the outputs directly too: y = A x + b + W phi(x), with
-            A and b from least squares together with W, see
-            :mod:`annik_training.fitting.variable_projection`.
-        slope_weight: Sobolev training: weight of the squared error of each slope dy/dq_j beside
-            that of y, both scaled. Needs the Jacobian of the forward kinematics; 0 is off.
-        bayesian_regularisation: choose the weight decay by the evidence of the training examples,
-            see :mod:`annik_training.fitting.evidence`.
-        optimiser: ``levenberg_marquardt``, see
-            :mod:`annik_training.fitting.variable_projection`, the more exact one, for small
-            networks; or ``lbfgs``, see :mod:`annik_training.fitting.lbfgs`, for thousands
-            of weights.
-        seed: everything random is drawn from it.
+    """Options of the fit of a network; the defaults are the paper's.
 
     Raises:
-        InvalidTrainingOption: naming the option and what is allowed.
+        InvalidValue: naming the option and what is allowed.
     """
 
-    hidden_units: tuple[int, ...] = (20,)
-    restarts: int = 6
-    held_out_fraction: float = 0.15
-    max_evaluations: int = 50
-    ridge: float = 1e-7
-    linear_path: bool = False
-    slope_weight: float = 0.0
-    bayesian_regularisation: bool = False
-    optimiser: str = "levenberg_marquardt"
-    seed: int = 0
+    hidden_units: tuple[int, ...] = setting(
+        (20,), "Sizes of the hidden layers, such as 20,20.", flag="--hidden"
+    )
+    restarts: int = setting(
+        6,
+        "Number of fits from random initial weights.",
+        minimum=1,
+        maximum=1000,
+        flag="--restarts",
+    )
+    held_out_fraction: float = setting(
+        0.15,
+        "Fraction of the examples that only choose the best restart. With 0 all are fitted, and "
+        "the smallest error on them decides.",
+        minimum=0.0,
+        maximum=0.5,
+        flag="--held-out",
+    )
+    max_evaluations: int = setting(
+        50,
+        "Most evaluations of the residual in one restart.",
+        minimum=1,
+        maximum=100_000,
+        flag="--max-evaluations",
+    )
+    linear_path: bool = setting(
+        False, "Connect the inputs to the outputs directly too.", flag="--linear-path"
+    )
+    sobolev_weight: float = setting(
+        0.0,
+        "Weight of the derivatives beside the outputs, both scaled. 0 is off; 1 suits examples "
+        "without noise.",
+        minimum=0.0,
+        maximum=1e6,
+        flag="--sobolev",
+    )
+    bayesian_regularisation: bool = setting(
+        False,
+        "Choose the weight decay by the evidence of the examples: for few or noisy ones.",
+        flag="--bayesian",
+    )
+    optimiser: str = setting(
+        "levenberg_marquardt",
+        "Method: levenberg_marquardt is exact, for small networks; lbfgs is for thousands of "
+        "weights.",
+        choices=("levenberg_marquardt", "lbfgs"),
+        flag="--optimiser",
+    )
+    ridge: float = setting(
+        1e-7,
+        "Weight of the output weights beside the residuals; without effect if the evidence "
+        "chooses it, and with lbfgs.",
+        greater_than=0.0,
+        maximum=1.0,
+    )
+    seed: int = setting(
+        0, "Seed of the held-out examples and the initial weights.", minimum=0, maximum=_MAX_SEED
+    )
 
     def __post_init__(self) -> None:
-        """Refuse options that make no sense."""
-        for option, valid, allowed in (
-            (
-                "hidden_units",
-                0 < len(self.hidden_units) <= 8 and all(1 <= n <= 4096 for n in self.hidden_units),
-                "1 to 8 layers of 1 to 4096 units",
-            ),
-            ("restarts", 1 <= self.restarts <= 1000, "1 to 1000"),
-            ("held_out_fraction", 0 <= self.held_out_fraction <= 0.5, "0 to 0.5"),
-            ("max_evaluations", 1 <= self.max_evaluations <= 100_000, "1 to 100000"),
-            ("ridge", 0 < self.ridge <= 1, "more than 0, at most 1"),
-            ("slope_weight", 0 <= self.slope_weight <= 1e6, "0 to 1000000"),
-            ("optimiser", self.optimiser in OPTIMISERS, " or ".join(OPTIMISERS)),
-            (
-                "bayesian_regularisation",
-                not self.bayesian_regularisation or self.optimiser == "levenberg_marquardt",
-                "with the optimiser levenberg_marquardt only",
-            ),
-            ("seed", 0 <= self.seed < 2**63, "0 to 2^63 - 1"),
-        ):
-            if not valid:
-                raise InvalidTrainingOption(option, getattr(self, option), allowed)
+        """Refuse options out of range."""
+        units = self.hidden_units
+        if not (0 < len(units) <= 8 and all(1 <= number <= 4096 for number in units)):
+            raise InvalidValue("hidden_units", units, "1 to 8 layers of 1 to 4096 units")
+        for entry in settings_of(type(self)):
+            if entry.name != "hidden_units":
+                entry.checked(getattr(self, entry.name))
+        if self.bayesian_regularisation and self.optimiser != "levenberg_marquardt":
+            allowed = "with the optimiser levenberg_marquardt only"
+            raise InvalidValue("bayesian_regularisation", True, allowed)
 
-    def as_plain_data(self) -> dict[str, Any]:
-        """The options for a model's metadata."""
-        return {**asdict(self), "hidden_units": list(self.hidden_units)}
-
-
-#: How to fit an arm, unless told otherwise: it takes a larger network than the paper's robot, and
-#: by the slopes of its model few examples say much more. More evaluations make the network's
-#: answer better on the whole and worse beyond a fold, where examples are rare: more targets are
-#: then not solved at all.
-ARM_OPTIONS = FitOptions(
-    hidden_units=(64, 64, 64),
-    restarts=1,
-    held_out_fraction=0.0,
-    max_evaluations=400,
-    linear_path=True,
-    slope_weight=1.0,
-    optimiser="lbfgs",
-)
-
-
-def default_options(robot_kind: str) -> FitOptions:
-    """How to fit a kind of robot: the paper's way for the paper's robot."""
-    return ARM_OPTIONS if robot_kind == "arm" else FitOptions()
+    def to_dict(self) -> dict[str, Any]:
+        """The options for a model's metadata, with the keys of the file format."""
+        options = {**asdict(self), "hidden_units": list(self.hidden_units)}
+        options["slope_weight"] = options.pop("sobolev_weight")
+        return options

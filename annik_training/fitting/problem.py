@@ -1,9 +1,4 @@
-"""What a network is fitted to: a system of inputs and targets; inverse kinematics as one.
-
-What can be learned: for joint positions, what a network sees and what it should say.
-
-The inverse kinematics of a robot as a system to learn: from features of the pose to joints.
-"""
+"""What a network learns: inputs and targets as functions of the joint positions."""
 
 from __future__ import annotations
 
@@ -30,10 +25,9 @@ class System(Protocol):
     """Inputs and targets of a network as functions of the joint positions. Batched.
 
     For inverse kinematics the inputs are the features of the pose and the targets are the joint
-    positions themselves; for a function to be learned forwards, the inputs are the joint
-    positions. Either way a design of experiments chooses joint positions, and the derivatives of
-    inputs and targets in them are all that Sobolev training needs: the Jacobian of the forward
-    kinematics, and no inverse of it.
+    positions; for a function that is learned forwards, the inputs are the joint positions. Both
+    need only derivatives by the joint positions for Sobolev training: the Jacobian of the forward
+    kinematics, never its inverse.
     """
 
     @property
@@ -43,7 +37,7 @@ class System(Protocol):
 
     @property
     def joint_box(self) -> JointLimits:
-        """Where the examples are drawn from."""
+        """Joint positions that the examples are drawn from."""
         ...
 
     @property
@@ -57,11 +51,11 @@ class System(Protocol):
         ...
 
     def inputs(self, joint_positions: FloatArray) -> FloatArray:
-        """What the network sees ``(n, m)`` at joint positions ``(n, dof)``."""
+        """Inputs of the network ``(n, m)`` at joint positions ``(n, dof)``."""
         ...
 
     def targets(self, joint_positions: FloatArray) -> FloatArray:
-        """What it should say ``(n, k)``."""
+        """Targets of the network ``(n, k)``."""
         ...
 
     def input_jacobians(self, joint_positions: FloatArray) -> FloatArray:
@@ -72,54 +66,50 @@ class System(Protocol):
         """Derivatives of the targets ``(n, k, dof)``."""
         ...
 
-    def errors(self, joint_positions: FloatArray, answers: FloatArray) -> FloatArray:
-        """How wrong answers ``(n, k)`` are at joint positions ``(n, dof)``: ``(n,)``, 0 if right.
+    def errors(self, joint_positions: FloatArray, outputs: FloatArray) -> FloatArray:
+        """Errors ``(n,)`` of outputs ``(n, k)`` at joint positions ``(n, dof)``.
 
-        For inverse kinematics, the distance between where the answers lead and where the joint
-        positions do; for a function, the root of the mean square error over its outputs.
+        For inverse kinematics, the distance between the positions of the end effector at the
+        outputs and at the joint positions; for a function, the rms error over its outputs.
         """
         ...
 
 
 @dataclass(frozen=True)
 class InverseKinematicsSystem:
-    """See :class:`System`. Errors are distances of the end effector.
-
-    Attributes:
-        robot: the robot.
-    """
+    """The inverse kinematics of a robot as a :class:`System`; errors are distances [mm]."""
 
     robot: Robot
     error_unit: str = "mm"
 
     @property
     def name(self) -> str:
-        """The robot's."""
+        """Name of the robot."""
         return self.robot.name
 
     @property
     def joint_box(self) -> JointLimits:
-        """The robot's."""
+        """Joint box of the robot."""
         return self.robot.joint_box
 
     @property
     def target_box(self) -> tuple[FloatArray, FloatArray]:
-        """The joint box."""
+        """Joint box of the robot."""
         return self.robot.joint_box.lower, self.robot.joint_box.upper
 
     @cached_property
     def encoding(self) -> PoseEncoding:
-        """How poses become features."""
+        """Encoding of poses as features: the paper's for its gantry."""
         workspace = self.robot.workspace
-        if not isinstance(workspace, GantryWorkspace):
-            return PositionRotationMatrix()
-        return PositionRollPitchYaw(0.5 * (workspace.lower[3:] + workspace.upper[3:]))
+        if isinstance(workspace, GantryWorkspace):
+            return PositionRollPitchYaw(0.5 * (workspace.lower[3:] + workspace.upper[3:]))
+        return PositionRotationMatrix()
 
     def features(self, poses: FloatArray, joint_positions: FloatArray) -> FloatArray:
         """Features ``(n, m)`` of poses ``(n, 7)``.
 
-        Where a pose leaves the choice between several joint positions, it is made unambiguous by
-        the example's own, just as the solver does by the previous command.
+        Where a pose has several solutions, the example's joint positions choose, as the previous
+        command does in the solver.
         """
         workspace = self.robot.workspace
         resolved = [
@@ -135,14 +125,15 @@ class InverseKinematicsSystem:
         return self.features(self.robot.forward_kinematics.poses(joint_positions), joint_positions)
 
     def targets(self, joint_positions: FloatArray) -> FloatArray:
-        """The joint positions themselves."""
+        """The joint positions."""
         return joint_positions
 
     def input_jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """Derivatives of the features.
 
-        The gantry's are its task coordinates, eq. (1)-(2); an arm's are the position, and the
-        columns of the rotation matrix, each of which turns with the angular velocity.
+        Those of the gantry's task coordinates are eq. (1)-(2). Those of an arm's position and
+        rotation matrix come from the geometric Jacobian in the base frame: each column of the
+        matrix changes by the cross product of the angular velocity with it.
         """
         kinematics = self.robot.forward_kinematics
         if isinstance(kinematics, GantryKinematics):
@@ -151,7 +142,7 @@ class InverseKinematicsSystem:
         quaternions = kinematics.poses(joint_positions)[:, 3:]
         # (n, 3, column): the axes of the end effector.
         axes = Rotation.from_quat(quaternions).as_matrix()
-        # (n, dof, column, 3): angular velocity by each joint, across each axis.
+        # (n, dof, column, 3): angular velocity of each joint, cross each axis.
         turning = np.cross(
             jacobians[:, 3:].transpose(0, 2, 1)[:, :, np.newaxis],
             axes.transpose(0, 2, 1)[:, np.newaxis],
@@ -161,11 +152,11 @@ class InverseKinematicsSystem:
         return np.concatenate([jacobians[:, :3], columns], axis=1)
 
     def target_jacobians(self, joint_positions: FloatArray) -> FloatArray:
-        """The identity: network(encode(forward(q))) = q."""
+        """The identity, as network(encode(forward(q))) = q."""
         return np.tile(np.eye(self.robot.dof), (len(joint_positions), 1, 1))
 
-    def errors(self, joint_positions: FloatArray, answers: FloatArray) -> FloatArray:
-        """Distances [mm] between where the answers lead and where the joint positions do."""
+    def errors(self, joint_positions: FloatArray, outputs: FloatArray) -> FloatArray:
+        """Distances [mm] of the end effector at the outputs from that at the joint positions."""
         forward = self.robot.forward_kinematics
-        distances, _ = pose_distance(forward.poses(joint_positions), forward.poses(answers))
+        distances, _ = pose_distance(forward.poses(joint_positions), forward.poses(outputs))
         return 1e3 * distances

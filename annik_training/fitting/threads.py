@@ -1,4 +1,4 @@
-"""Torch on one thread, so that the same numbers come out whatever else the machine does."""
+"""Torch on one thread, for results that do not depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """The matrices here are too small to share out: more threads cost time, and round unlike."""
+    """Limit torch to one thread; for these small matrices more threads are slower, too."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

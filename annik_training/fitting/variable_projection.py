@@ -1,21 +1,20 @@
-"""Levenberg-Marquardt on the hidden layers alone, what is linear being solved for exactly.
+"""Variable projection: Levenberg-Marquardt on the hidden layers, exact linear layers.
 
 The network's last layer is linear, so for given hidden layers the best output weights are the
-solution of a linear least-squares problem. Putting that solution in leaves a residual that depends
-on the hidden weights only: the variable projection of [Golub1973]_, with the Jacobian of
-[Kaufman1975]_, which drops a term of it that is orthogonal to the residual, so that the gradient
-of the sum of squares is exact. On the paper's robot it needs some 50 steps for what plain
-Levenberg-Marquardt on all weights does not reach in 300; docs/training.md has the figures.
+solution of a linear least-squares problem. Inserting that solution leaves a residual that depends
+on the hidden weights only: the variable projection of [Golub1973]_. The Jacobian of
+[Kaufman1975]_ drops a term that is orthogonal to the residual, so the gradient of the sum of
+squares stays exact. docs/results/fit_methods.md compares it with a fit of all weights.
 
 The network is y(x) = W phi(x) + V z(x), with the activations phi of its last hidden layer and
-z = (1), or z = (x, 1) with a direct linear path. Each example gives one row of phi and z, and,
-with Sobolev training [Czarnecki2017]_, one more for each direction t in which the derivative of y
-is known: s (dphi/dx) t and s (dz/dx) t for the target s dy/dt, s being the root of its weight. All
-of this is linear in W and V, so nothing else changes.
+z = (1), or z = (x, 1) with a direct linear path. Each example gives one row of phi and z. With
+Sobolev training [Czarnecki2017]_ it gives one more row for each direction t in which the
+derivative of y is known: s (dphi/dx) t and s (dz/dx) t for the target s dy/dt, where s is the root
+of the weight. All rows are linear in W and V.
 
 Stacked over the examples as S, Z and targets Y, the part that Z explains is projected out of S and
-Y once and for all (so V is not penalised). With a ridge r, A = [S; r I] and B = [Y; 0] are what is
-left, A = Q R, the residual is E = (I - Q Q^T) B, and, for hidden weight p, Kaufman's Jacobian is
+Y once (so V is not penalised). With a ridge r, A = [S; r I], B = [Y; 0] and A = Q R, the residual
+is E = (I - Q Q^T) B, and, for hidden weight p, Kaufman's Jacobian is
 dE/dp = -(I - Q Q^T) (dA/dp) W^T, where W^T = R^-1 Q^T B are the output weights. With a weight
 decay r on the hidden weights too, r p is appended to the residual.
 
@@ -48,19 +47,19 @@ _RANK_TOLERANCE = 1e-10
 
 @dataclass(frozen=True)
 class ScaledExamples:
-    """Examples as the layers of a network see them: float64, scaled.
+    """Examples in the scaled units of a network; float64.
 
     Attributes:
         inputs: ``(n, m)``.
         targets: ``(n, k)``.
         directions: ``(n, d, m)`` derivatives of the inputs along ``d`` directions, or None.
-        slopes: ``(n, d, k)`` derivatives of the targets along the same, or None.
+        derivatives: ``(n, d, k)`` derivatives of the targets along the same, or None.
     """
 
     inputs: Tensor
     targets: Tensor
     directions: Tensor | None = None
-    slopes: Tensor | None = None
+    derivatives: Tensor | None = None
 
     def rows(self, indices: NDArray[np.int64]) -> ScaledExamples:
         """Some of the examples."""
@@ -68,17 +67,17 @@ class ScaledExamples:
             self.inputs[indices],
             self.targets[indices],
             None if self.directions is None else self.directions[indices],
-            None if self.slopes is None else self.slopes[indices],
+            None if self.derivatives is None else self.derivatives[indices],
         )
 
 
 @dataclass(frozen=True)
 class LinearLayers:
-    """What the linear problem determines.
+    """Solution of the linear problem.
 
     Attributes:
         output: ``(k, h)`` weights W of the activations.
-        linear_path: ``(k, m)`` weights of the inputs themselves; zero without a linear path.
+        linear_path: ``(k, m)`` weights of the inputs; zero without a linear path.
         bias: ``(k,)``.
     """
 
@@ -92,13 +91,13 @@ class SeparableProblem:
 
     Args:
         hidden: the hidden layers; only their shapes are used.
-        examples: what to fit.
+        examples: the examples.
         ridge: r, weight of the output weights beside the residuals; keeps the linear problem well
             posed where activations are nearly dependent.
-        linear_path: whether the inputs lead to the outputs directly too.
-        slope_weight: s^2, weight of the squared error of the slopes beside that of the targets;
-            only where the examples have slopes.
-        decay_hidden: whether r weighs on the hidden weights as well.
+        linear_path: whether the inputs are connected to the outputs directly too.
+        sobolev_weight: s^2, weight of the squared error of the derivatives beside that of the
+            targets, if the examples have derivatives.
+        decay_hidden: whether r applies to the hidden weights too.
     """
 
     def __init__(
@@ -108,7 +107,7 @@ class SeparableProblem:
         ridge: float,
         *,
         linear_path: bool = False,
-        slope_weight: float = 0.0,
+        sobolev_weight: float = 0.0,
         decay_hidden: bool = False,
     ) -> None:
         self.ridge = ridge
@@ -119,12 +118,13 @@ class SeparableProblem:
         self._inputs = examples.inputs
         self._directions: Tensor | None = None
         rows, targets = _linear_rows(examples.inputs, linear_path, 1.0), examples.targets
-        if slope_weight > 0 and examples.directions is not None and examples.slopes is not None:
-            scale = float(np.sqrt(slope_weight))
-            self._directions = scale * examples.directions
-            slopes = _linear_rows(self._directions.flatten(end_dim=1), linear_path, 0.0)
-            rows = torch.cat([rows, slopes])
-            targets = torch.cat([targets, scale * examples.slopes.flatten(end_dim=1)])
+        directions, derivatives = examples.directions, examples.derivatives
+        if sobolev_weight > 0 and directions is not None and derivatives is not None:
+            scale = float(np.sqrt(sobolev_weight))
+            self._directions = scale * directions
+            more = _linear_rows(self._directions.flatten(end_dim=1), linear_path, 0.0)
+            rows = torch.cat([rows, more])
+            targets = torch.cat([targets, scale * derivatives.flatten(end_dim=1)])
         self._linear_rows = rows
         self._targets = targets
         left, singular, _ = torch.linalg.svd(rows, full_matrices=False)
@@ -141,18 +141,18 @@ class SeparableProblem:
 
     @property
     def observations(self) -> int:
-        """How many numbers the examples give, less those that the linear path takes up."""
+        """Number of residuals, less those that the linear path takes up."""
         rows, outputs = self._targets.shape
         return int((rows - self._explained.shape[1]) * outputs)
 
     @property
     def outputs(self) -> int:
-        """How many outputs the network has."""
+        """Number of outputs of the network."""
         outputs: int = self._targets.shape[1]
         return outputs
 
     def residual(self, weights: FloatArray) -> FloatArray:
-        """E, flattened, and r p where it applies, at these hidden weights ``(p,)``."""
+        """E, flattened, and r p with weight decay, at hidden weights ``(p,)``."""
         with torch.no_grad():
             projected = self._left_over(weights).reshape(-1).numpy()
         if not self._decay_hidden:
@@ -160,7 +160,7 @@ class SeparableProblem:
         return np.concatenate([projected, self.ridge * weights])
 
     def jacobian(self, weights: FloatArray) -> FloatArray:
-        """Kaufman's derivative of the residual ``(size of it, p)``, with exact activations'."""
+        """Kaufman's derivative of the residual, ``(residuals, p)``."""
         with torch.no_grad():
             orthonormal, output = self._solution(weights)
             moved = self.activations_jacobian(weights, output)
@@ -177,14 +177,14 @@ class SeparableProblem:
     def activations_jacobian(self, weights: FloatArray, output: Tensor) -> Tensor:
         """Derivatives ``(rows, k, p)`` of S W^T with W^T ``(h, k)`` held, less what Z explains."""
 
-        def answers(named: Mapping[str, Tensor], *example: Tensor) -> Tensor:
+        def outputs_of(named: Mapping[str, Tensor], *example: Tensor) -> Tensor:
             return self._rows_of_one(named, *example) @ output
 
         examples = [self._inputs] + ([] if self._directions is None else [self._directions])
-        derivatives = vmap(jacrev(answers), in_dims=(None, *(0 for _ in examples)))(
+        derivatives = vmap(jacrev(outputs_of), in_dims=(None, *(0 for _ in examples)))(
             self._named(weights), *examples
         )
-        # (n, 1 + d, k, p): the value of each example first, its slopes after it.
+        # (n, 1 + d, k, p): the value of each example, then its derivatives.
         flat = torch.cat([derivatives[name].flatten(start_dim=3) for name in self._shapes], dim=3)
         stacked = torch.cat([flat[:, 0], flat[:, 1:].flatten(end_dim=1)])
         rows, outputs, count = stacked.shape
@@ -199,7 +199,7 @@ class SeparableProblem:
         with torch.no_grad():
             _, output = self._solution(weights)
             remaining = self._targets - self._all_rows(weights) @ output
-            # By pseudo-inverse: with fewer examples than inputs, the least weights that do.
+            # With fewer examples than inputs, the pseudo-inverse gives the smallest weights.
             path = torch.linalg.pinv(self._linear_rows, rtol=_RANK_TOLERANCE) @ remaining
         inputs = self._inputs.shape[1]
         direct = path[:-1].T if self._linear_path else torch.zeros(self.outputs, inputs)
@@ -208,7 +208,7 @@ class SeparableProblem:
         )
 
     def mean_square_error(self, weights: FloatArray) -> float:
-        """Mean square error of the targets, scaled units, without slopes and ridge."""
+        """Mean square error of the targets in scaled units, without derivatives and ridge."""
         with torch.no_grad():
             return float(torch.mean(self._left_over(weights)[: len(self._inputs)] ** 2))
 
@@ -218,7 +218,7 @@ class SeparableProblem:
             return float(torch.sum(self._left_over(weights)[: len(self._targets)] ** 2))
 
     def assign(self, weights: FloatArray) -> None:
-        """Put these weights into the hidden layers."""
+        """Copy these weights to the hidden layers."""
         with torch.no_grad():
             named = self._named(weights)
             for name, parameter in self._hidden.named_parameters():
@@ -249,7 +249,7 @@ class SeparableProblem:
 
     def _named(self, weights: FloatArray) -> dict[str, Tensor]:
         sizes = [shape.numel() for shape in self._shapes.values()]
-        # Copied, as torch aligns its memory: products of what is not aligned alike round unlike.
+        # Copied to torch's aligned memory: products of unaligned arrays round differently.
         parts = torch.split(torch.from_numpy(weights).clone(), sizes)
         return {
             name: part.reshape(shape)
@@ -268,7 +268,7 @@ class SeparableProblem:
     def _rows_of_one(
         self, named: Mapping[str, Tensor], inputs: Tensor, directions: Tensor | None = None
     ) -> Tensor:
-        """Rows of S that one example ``(m,)`` gives: ``(1 + d, h)``."""
+        """Rows of S ``(1 + d, h)`` of one example ``(m,)``."""
 
         def phi(values: Tensor) -> Tensor:
             activations: Tensor = functional_call(self._hidden, dict(named), (values,))
@@ -277,12 +277,12 @@ class SeparableProblem:
         if directions is None:
             return phi(inputs).unsqueeze(0)
         value = phi(inputs).unsqueeze(0)
-        slopes = vmap(lambda direction: jvp(phi, (inputs,), (direction,))[1])(directions)
-        return torch.cat([value, slopes])
+        derivatives = vmap(lambda direction: jvp(phi, (inputs,), (direction,))[1])(directions)
+        return torch.cat([value, derivatives])
 
 
 def _linear_rows(inputs: Tensor, linear_path: bool, constant: float) -> Tensor:
-    """Rows of Z: the inputs, if they lead to the outputs directly, and the constant."""
+    """Rows of Z: the inputs if there is a linear path, and the constant."""
     ones = torch.full((len(inputs), 1), constant, dtype=torch.float64)
     return torch.cat([inputs, ones], dim=1) if linear_path else ones
 
@@ -290,11 +290,11 @@ def _linear_rows(inputs: Tensor, linear_path: bool, constant: float) -> Tensor:
 def minimise(
     problem: SeparableProblem, start: FloatArray, max_evaluations: int
 ) -> tuple[FloatArray, int]:
-    """Hidden weights ``(p,)`` that minimise the residual, and the evaluations that it took.
+    """Hidden weights ``(p,)`` that minimise the residual, and the number of evaluations.
 
     Args:
-        problem: what to minimise.
-        start: ``(p,)``.
-        max_evaluations: most evaluations of the residual, which bounds the time.
+        problem: the problem.
+        start: ``(p,)`` initial hidden weights.
+        max_evaluations: most evaluations of the residual.
     """
     return levenberg_marquardt(problem.residual, problem.jacobian, start, max_evaluations)

@@ -16,7 +16,7 @@ import numpy as np
 from annik_core.pose import FloatArray
 from annik_training.designs.registry import make_design
 from annik_training.evaluation import ErrorSummary
-from annik_training.fitting.fit import examples_of, fit_starts
+from annik_training.fitting.fit import best_of, examples_of, fit_restarts
 from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import System
 from benchmarks.systems.library import load_system
@@ -47,7 +47,7 @@ class FitJob:
 
     def to_dict(self) -> dict[str, Any]:
         """For a file."""
-        return {**asdict(self), "options": self.options.as_plain_data()}
+        return {**asdict(self), "options": self.options.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,14 @@ def run_fit_job(job: FitJob) -> FitOutcome:
     """Make the design, fit and measure."""
     system = load_system(job.system)
     begin = time.perf_counter()
-    joint_positions = make_design(job.design, system, job.size, job.seed)
-    fitted = fit_starts(examples_of(system, joint_positions, job.options), job.options)
+    joint_positions = make_design(system, job.design, job.size, job.seed)
+    restarts = fit_restarts(examples_of(system, joint_positions, job.options), job.options)
     seconds = time.perf_counter() - begin
     unseen, inputs = unseen_examples(job.system)
-    errors = system.errors(unseen, fitted.network.predict(inputs))
+    errors = system.errors(unseen, best_of(restarts).network.predict(inputs))
     return FitOutcome(
         len(joint_positions),
-        fitted.restarts[0].training_error,
+        restarts[0].training_error,
         ErrorSummary.of(errors),
         seconds,
     )

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from annik_training.fitting.fit import MIN_EXAMPLES, Examples, Indices, TooFewExamples, fit_start
-from annik_training.fitting.options import FitOptions, InvalidTrainingOption
+from annik_core.errors import InvalidValue
+from annik_training.fitting.fit import MIN_EXAMPLES, Examples, Indices, TooFewExamples, fit_restart
+from annik_training.fitting.options import FitOptions
 from annik_training.networks.network import ScaledNetwork
 
 
@@ -37,11 +38,11 @@ def cross_validate(examples: Examples, folds: int, options: FitOptions) -> tuple
         options: how to fit; ``restarts`` and ``held_out_fraction`` have no part in it.
 
     Raises:
-        InvalidTrainingOption: if there are fewer than two folds or more folds than examples.
+        InvalidValue: if there are fewer than two folds or more folds than examples.
         TooFewExamples: if a fold leaves too few examples to fit.
     """
     if not 2 <= folds <= len(examples):
-        raise InvalidTrainingOption("folds", folds, f"2 to the {len(examples)} examples")
+        raise InvalidValue("folds", folds, f"2 to the {len(examples)} examples")
     split_seed, *start_seeds = np.random.SeedSequence(options.seed).spawn(folds + 1)
     order = np.random.default_rng(split_seed).permutation(len(examples))
     parts = np.array_split(order, folds)
@@ -50,9 +51,9 @@ def cross_validate(examples: Examples, folds: int, options: FitOptions) -> tuple
     results = []
     for number, (part, start_seed) in enumerate(zip(parts, start_seeds, strict=True)):
         others = np.concatenate([other for other in parts if other is not part])
-        network, restart = fit_start(
+        restart = fit_restart(
             examples, others, part, options, number, np.random.default_rng(start_seed)
         )
         assert restart.held_out_error is not None
-        results.append(Fold(network, restart.training_error, restart.held_out_error, part))
+        results.append(Fold(restart.network, restart.training_error, restart.held_out_error, part))
     return tuple(results)

@@ -50,13 +50,13 @@ def paper_robot() -> Robot:
 def robot_set(method: str, name: str) -> FloatArray:
     """Joint positions ``(n, 6)`` [rad] of a set of Table 7."""
     chosen = ROBOT_SETS[method][name]
-    return make_design(chosen.design, paper_robot(), chosen.size, 0, chosen.options)
+    return make_design(paper_robot(), chosen.design, chosen.size, 0, chosen.options)
 
 
 def function_set(method: str) -> FloatArray:
     """Joint positions ``(n, 6)`` [rad] of a set of section 2."""
     if method == "thirty_phase":
-        return make_design("thirty_phase", paper_functions(), SECTION_2_STEPS, 0)
+        return make_design(paper_functions(), "thirty_phase", SECTION_2_STEPS, 0)
     return _known_method_of_section_2()
 
 
@@ -87,8 +87,8 @@ def counts() -> dict[str, dict[str, int]]:
     paper_rows = {
         name: len(
             make_design(
-                "thirty_phase",
                 robot,
+                "thirty_phase",
                 ROBOT_SETS["thirty_phase"][name].size,
                 0,
                 {"keep_paper_rows": True},

@@ -61,7 +61,7 @@ def telling_examples() -> dict[str, int]:
     system = interaction()
     return {
         design: int(
-            np.count_nonzero(np.abs(system.targets(make_design(design, system, STEPS, 0))) > 1e-9)
+            np.count_nonzero(np.abs(system.targets(make_design(system, design, STEPS, 0))) > 1e-9)
         )
         for design in DESIGNS
     }
@@ -74,6 +74,6 @@ def exact_ranks(steps: Sequence[int]) -> dict[str, dict[int, int]]:
     for design in DESIGNS:
         for j in steps:
             # The box is [-1, 1], so that half steps from the minimum are whole numbers.
-            half_steps = np.rint((make_design(design, system, j, 0) + 1.0) * j).astype(int)
+            half_steps = np.rint((make_design(system, design, j, 0) + 1.0) * j).astype(int)
             ranks[design][j] = quadratic_rank(half_steps.tolist())
     return ranks

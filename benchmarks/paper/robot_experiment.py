@@ -11,7 +11,7 @@ import numpy as np
 
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.target_paths import diagonal_path
-from annik_training.fitting.fit import Restart, examples_of, fit_starts
+from annik_training.fitting.fit import Restart, best_of, examples_of, fit_restarts
 from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import InverseKinematicsSystem
 from annik_training.networks.network import InverseKinematicsNetwork
@@ -68,13 +68,13 @@ def run_robot_set(job: RobotSetJob) -> RobotSetOutcome:
     """Fit all starts to a set and measure each."""
     system = InverseKinematicsSystem(paper_robot())
     examples = examples_of(system, robot_set(job.method, job.name), job.options)
-    fitted = fit_starts(examples, job.options)
+    restarts = fit_restarts(examples, job.options)
     path = diagonal_path()
     unseen = random_joint_positions(system, WORKSPACE_POSES, _WORKSPACE_SEED)
     workspace = system.robot.forward_kinematics.poses(unseen)
     starts = []
-    for restart, network in zip(fitted.restarts, fitted.networks, strict=True):
-        inverse = InverseKinematicsNetwork(system.encoding, network)
+    for restart in restarts:
+        inverse = InverseKinematicsNetwork(system.encoding, restart.network)
         on_path = _errors(system, inverse, path)
         in_workspace = _errors(system, inverse, workspace)
         starts.append(
@@ -86,7 +86,7 @@ def run_robot_set(job: RobotSetJob) -> RobotSetOutcome:
                 np.sort(in_workspace[1]),
             )
         )
-    return RobotSetOutcome(tuple(starts), fitted.winner)
+    return RobotSetOutcome(tuple(starts), best_of(restarts).number)
 
 
 def _errors(

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 
 from annik_core.robots.errors import UnknownRobot
-from annik_training.designs.errors import InvalidDesignSize, UnsupportedRobotForDesign
 from annik_training.designs.registry import DESIGNS, check_subject, make_design
+from annik_training.errors import UnsupportedRobot
 from annik_training.fitting.problem import System
 from benchmarks.jobs.fit_job import FitJob, one_start
 from benchmarks.study.errors import InvalidStudySetting
@@ -52,7 +51,7 @@ def study_grid(settings: StudySettings) -> StudyGrid:
         for design in settings.designs:
             try:
                 sizes = nearest_sizes(design, system, settings.examples)
-            except UnsupportedRobotForDesign as error:
+            except UnsupportedRobot as error:
                 left_out.append(f"{design} for {name}: {error.reason}")
                 continue
             if not _is_sized_in_examples(design):
@@ -92,7 +91,7 @@ def nearest_sizes(design: str, system: System, examples: Sequence[int]) -> list[
         examples: how many are asked for.
 
     Raises:
-        UnsupportedRobotForDesign: if the design can't be made for the system.
+        UnsupportedRobot: if the design can't be made for the system.
     """
     check_subject(design, system)
     if _is_sized_in_examples(design):
@@ -118,19 +117,15 @@ def _system(name: str) -> System:
 
 
 def _is_sized_in_examples(design: str) -> bool:
-    return DESIGNS[design].size_option == "examples"
+    return DESIGNS[design].size.name == "examples"
 
 
 def _counts(design: str, system: System, most: int) -> dict[int, int]:
     """Examples of every size, up to the first with more than are asked for."""
     counts: dict[int, int] = {}
-    for size in count(1):
-        try:
-            counts[size] = len(make_design(design, system, size, 0))
-        except InvalidDesignSize as error:
-            if size < error.allowed[0]:
-                continue
-            break
+    allowed = DESIGNS[design].size
+    for size in range(allowed.minimum, allowed.maximum + 1):
+        counts[size] = len(make_design(system, design, size, 0))
         if counts[size] > most:
             break
     return counts
@@ -139,5 +134,5 @@ def _counts(design: str, system: System, most: int) -> dict[int, int]:
 def _fingerprint(design: str, system: System, sizes: Sequence[int]) -> bytes:
     """The examples of a design in which nothing is random."""
     return b"".join(
-        np.ascontiguousarray(make_design(design, system, size, 0)).tobytes() for size in sizes
+        np.ascontiguousarray(make_design(system, design, size, 0)).tobytes() for size in sizes
     )

@@ -27,7 +27,7 @@ class StudySettings:
         max_evaluations: of the residual, per fit.
 
     Raises:
-        UnknownDesign: lists the known ones.
+        InvalidValue: if there is no such design.
         InvalidStudySetting: naming the setting and what is allowed.
     """
 

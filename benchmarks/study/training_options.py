@@ -9,9 +9,9 @@ from typing import Any
 TRAINING_OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "plain": {},
     "linear_path": {"linear_path": True},
-    "sobolev": {"slope_weight": 1.0},
+    "sobolev": {"sobolev_weight": 1.0},
     "bayesian": {"bayesian_regularisation": True},
-    "sobolev_bayesian": {"slope_weight": 1.0, "bayesian_regularisation": True},
+    "sobolev_bayesian": {"sobolev_weight": 1.0, "bayesian_regularisation": True},
 }
 
 #: Name to what it does, in a line.

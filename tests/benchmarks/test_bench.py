@@ -17,12 +17,11 @@ from support.processes import PATIENCE
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import compute_dataset
-from annik_training.evaluation import evaluate
+from annik_training.designs.sampling import generate_dataset
+from annik_training.evaluation import evaluation_dataset, network_errors
 from annik_training.export import export_model
 from annik_training.fitting.fit import fit
 from annik_training.fitting.options import FitOptions
-from annik_training.train import evaluation_dataset
 from benchmarks.conditions import Conditions
 from benchmarks.ik import throughput
 from benchmarks.ik.annik import NETWORK, REFINED, our_solvers
@@ -92,19 +91,20 @@ def known(configurations, poses):
 @pytest.fixture(scope="module")
 def model(ur5e, tmp_path_factory) -> Path:
     """Hardly trained at all: it leads the refinement astray now and then, which is all right."""
-    dataset = compute_dataset(ur5e, "sobol", 64, 0)
+    dataset = generate_dataset(ur5e, "sobol", 64, 0)
     options = FitOptions(
         hidden_units=(8,),
         optimiser="lbfgs",
         restarts=1,
         held_out_fraction=0.0,
         max_evaluations=20,
-        slope_weight=1.0,
+        sobolev_weight=1.0,
     )
     fitted = fit(dataset, options)
     path = tmp_path_factory.mktemp("model") / "ur5e.onnx"
-    few = evaluation_dataset(ur5e, 0).rows(np.arange(20))
-    export_model(fitted, evaluate(fitted.network.joint_positions, few), path)
+    few = evaluation_dataset(ur5e, 20, 0)
+    errors = network_errors(fitted.network.joint_positions, few)
+    export_model(fitted, errors.summary(), path)
     return path
 
 

@@ -164,7 +164,7 @@ def test_the_same_seed_gives_the_same_in_any_number_of_processes() -> None:
     here, elsewhere = (dict(run_jobs(run_robot_set, jobs, workers)) for workers in (1, 2))
     for job in jobs:
         first, again = here[job].starts[0], elsewhere[job].starts[0]
-        assert vars(first.restart) == vars(again.restart)
+        assert first.restart.to_dict() == again.restart.to_dict()
         assert np.array_equal(first.path_position, again.path_position)
         assert np.array_equal(first.workspace_orientation, again.workspace_orientation)
 

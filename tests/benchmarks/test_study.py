@@ -20,11 +20,11 @@ import pytest
 from click.testing import CliRunner, Result
 from support.processes import PATIENCE, is_group_gone, wait_until
 
-from annik_core.errors import DamagedRecord, InUse, NotWritable
+from annik_core.errors import DamagedRecord, InUse, InvalidValue, NotWritable
 from annik_core.installation import share_directory
 from annik_core.robots.errors import UnknownRobot
-from annik_training.designs.errors import UnknownDesign, UnsupportedRobotForDesign
-from annik_training.designs.registry import DESIGNS, make_design
+from annik_training.designs.registry import DESIGNS, Needs, make_design
+from annik_training.errors import UnsupportedRobot
 from annik_training.evaluation import ErrorSummary
 from benchmarks.jobs.fit_job import FitOutcome
 from benchmarks.study import command as study_command
@@ -117,11 +117,11 @@ def copied(finished: Path, tmp_path: Path) -> Path:
 def test_sizes_are_those_of_the_nearest_numbers_of_examples(design, system, asked, counts):
     subject = load_system(system)
     sizes = nearest_sizes(design, subject, asked)
-    assert tuple(len(make_design(design, subject, size, 0)) for size in sizes) == counts
+    assert tuple(len(make_design(subject, design, size, 0)) for size in sizes) == counts
 
 
 def test_a_design_that_can_t_be_made_for_a_system():
-    with pytest.raises(UnsupportedRobotForDesign):
+    with pytest.raises(UnsupportedRobot):
         nearest_sizes("workspace_grid", load_system("F"), (16,))
 
 
@@ -129,7 +129,7 @@ def test_jobs_are_every_combination_that_makes_sense():
     grid = study_grid(StudySettings(seeds=2))
     assert len(set(grid.jobs)) == len(grid.jobs)
     assert {job.design for job in grid.jobs if job.system == "gantry"} == {
-        name for name, design in DESIGNS.items() if not design.arms_only
+        name for name, design in DESIGNS.items() if design.needs is not Needs.ARM
     }
     assert {job.training for job in grid.jobs} == set(TRAINING_OPTIONS)
     assert {job.seed for job in grid.jobs[: len(grid.jobs) // 2]} == {0}
@@ -148,7 +148,7 @@ def test_jobs_are_every_combination_that_makes_sense():
 @pytest.mark.parametrize(
     ("settings", "error"),
     [
-        ({"designs": ("star",)}, UnknownDesign),
+        ({"designs": ("star",)}, InvalidValue),
         ({"training": ("adam",)}, InvalidStudySetting),
         ({"systems": ()}, InvalidStudySetting),
         ({"examples": (16, 16)}, InvalidStudySetting),
@@ -426,11 +426,11 @@ def test_a_job_that_fails_is_recorded_and_tried_again(tmp_path: Path):
         result = study(tmp_path, *options)
         assert result.exit_code == 0, result.output
         assert "1 of 2 jobs failed" in result.output
-        assert "active 2001, plain, seed 0: InvalidDesignSize" in " ".join(result.output.split())
+        assert "active 2001, plain, seed 0: InvalidValue" in " ".join(result.output.split())
         # The random one was run once.
         assert [line["job"]["design"] for line in lines(tmp_path)].count("random") == 1
         assert len([line for line in lines(tmp_path) if "failure" in line]) == run
-        assert "examples is 2001" in (tmp_path / "study.md").read_text(encoding="utf-8")
+        assert "is 2001; allowed: 1 to 2000" in (tmp_path / "study.md").read_text(encoding="utf-8")
 
 
 def test_a_study_of_which_every_job_failed_is_a_fault(tmp_path: Path):

@@ -130,7 +130,7 @@ def measured_ur5e(
 ) -> Dataset:
     """Measured poses of an imperfect UR5e at Sobol's joint positions."""
     robot = load_robot("ur5e")
-    joint_positions = make_design("sobol", robot, examples, seed)
+    joint_positions = make_design(robot, "sobol", examples, seed)
     return measured(robot, truth.poses, joint_positions, seed=seed, noise=noise, stated=stated)
 
 

@@ -18,9 +18,9 @@ from annik_core.errors import NotWritable
 from annik_core.model.artifact import default_model_path, load_model
 from annik_core.model.errors import InvalidMetadata, ModelNotFound, UnsupportedFormat
 from annik_core.model.session import make_session
-from annik_training.cli.commands import cli
+from annik_training.cli import cli
 from annik_training.convert import NotConvertible, convert_model
-from annik_training.designs.sampling import compute_random_dataset
+from annik_training.designs.sampling import random_dataset
 
 FOLDER = Path(__file__).parent / "format_1"
 EACH = pytest.mark.parametrize("name", ["gantry", "gantry_linear_path", "scara"])
@@ -53,7 +53,7 @@ def test_a_converted_file_computes_the_same_and_says_the_same(name: str, tmp_pat
     changed = {"annik.format_version": "2", "annik.features": "features"}
     assert properties(new) == properties(old) | changed
     robot = model.robot
-    poses = compute_random_dataset(robot, robot.joint_box, 200, seed=99).poses
+    poses = random_dataset(robot, robot.joint_box, 200, seed=99).poses
     expected = make_session(content, old).run(None, {"pose": poses})[0]
     assert model.joint_positions(poses) == pytest.approx(expected, abs=1e-12, rel=0)
     alone = np.array([model.joint_positions_at(pose) for pose in poses])

@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 from annik_core.dataset import Dataset, UnreadableDataset, load_dataset, save_dataset
 from annik_core.errors import NotWritable
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import compute_dataset
+from annik_training.designs.sampling import generate_dataset
 
 
 @pytest.fixture(scope="module")
 def dataset(gantry: Robot) -> Dataset:
-    return compute_dataset(gantry, "thirty_phase", 3, seed=5)
+    return generate_dataset(gantry, "thirty_phase", 3, seed=5)
 
 
 @pytest.fixture(scope="module")
@@ -253,6 +253,6 @@ def test_a_folder_that_is_not_there(dataset: Dataset, tmp_path: Path) -> None:
 
 
 def test_same_seed_same_content(gantry: Robot, dataset: Dataset) -> None:
-    again = compute_dataset(gantry, "thirty_phase", 3, seed=5)
+    again = generate_dataset(gantry, "thirty_phase", 3, seed=5)
     assert again.content_hash == dataset.content_hash
-    assert compute_dataset(gantry, "thirty_phase", 4, seed=5).content_hash != again.content_hash
+    assert generate_dataset(gantry, "thirty_phase", 4, seed=5).content_hash != again.content_hash

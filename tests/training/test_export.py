@@ -16,8 +16,8 @@ from annik_core.dataset import Dataset
 from annik_core.errors import NotWritable
 from annik_core.model.artifact import default_model_path, load_model
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import compute_dataset, compute_random_dataset
-from annik_training.evaluation import evaluate
+from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_training.evaluation import evaluation_dataset, network_errors
 from annik_training.export import (
     EXPORT_TOLERANCE,
     ExportMismatch,
@@ -27,14 +27,14 @@ from annik_training.export import (
 from annik_training.fitting.fit import FittedNetwork, fit
 from annik_training.fitting.options import FitOptions
 from annik_training.networks.network import InverseKinematicsNetwork
-from annik_training.train import evaluation_dataset, train
+from annik_training.training import train
 
 OPTIONS = FitOptions(restarts=1, max_evaluations=10, seed=3)
 
 
 @pytest.fixture(scope="module")
 def dataset(gantry: Robot) -> Dataset:
-    return compute_dataset(gantry, "thirty_phase", 3, seed=3)
+    return generate_dataset(gantry, "thirty_phase", 3, seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +47,8 @@ def exported(
     dataset: Dataset, fitted: FittedNetwork, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     path = tmp_path_factory.mktemp("export") / "deep" / "model.onnx"
-    evaluation = evaluate(
-        fitted.network.joint_positions, evaluation_dataset(dataset.robot, OPTIONS.seed)
-    )
+    unseen = evaluation_dataset(dataset.robot, 5000, OPTIONS.seed)
+    evaluation = network_errors(fitted.network.joint_positions, unseen).summary()
     export_model(fitted, evaluation, path)
     return path
 
@@ -59,7 +58,7 @@ def test_exported_equals_trained(
     gantry: Robot, fitted: FittedNetwork, exported: Path, batch: int
 ) -> None:
     """To 1e-9, with nothing but onnxruntime on the other side."""
-    poses = compute_random_dataset(gantry, gantry.joint_box, batch, seed=batch).poses
+    poses = random_dataset(gantry, gantry.joint_box, batch, seed=batch).poses
     session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
     answer = session.run(None, {"pose": poses})[0]
     assert answer.dtype == np.float64
@@ -96,7 +95,7 @@ def test_the_file_says_how_it_was_made(
     assert metadata.held_out_examples == 15
     assert metadata.dataset_hash == dataset.content_hash
     assert metadata.seed == 3
-    assert metadata.fit_options == OPTIONS.as_plain_data()
+    assert metadata.fit_options == OPTIONS.to_dict()
     assert set(metadata.evaluation["position_error_m"]) == {"rms", "p50", "p95", "p99", "max"}
     properties = {p.key: p.value for p in onnx.load(exported).metadata_props}
     assert all(json.loads(value) is not None for value in properties.values())
@@ -137,8 +136,8 @@ def test_export_proves_the_file_before_it_writes(
         return right
 
     monkeypatch.setattr(InverseKinematicsNetwork, "as_onnx", wrong)
-    unseen = evaluation_dataset(fitted.dataset.robot, 0)
-    evaluation = evaluate(fitted.network.joint_positions, unseen)
+    unseen = evaluation_dataset(fitted.dataset.robot, 500, 0)
+    evaluation = network_errors(fitted.network.joint_positions, unseen).summary()
     with pytest.raises(ExportMismatch):
         export_model(fitted, evaluation, tmp_path / "model.onnx")
     assert list(tmp_path.iterdir()) == []
@@ -148,8 +147,9 @@ def test_training_evaluates_on_poses_it_was_not_trained_on(
     dataset: Dataset, tmp_path: Path
 ) -> None:
     result = train(dataset, tmp_path / "model.onnx", OPTIONS)
-    unseen = evaluation_dataset(dataset.robot, OPTIONS.seed)
-    assert result.evaluation == evaluate(result.fitted.network.joint_positions, unseen)
+    unseen = evaluation_dataset(dataset.robot, 5000, OPTIONS.seed)
+    errors = network_errors(result.fitted.network.joint_positions, unseen)
+    assert result.evaluation == errors.summary()
     assert len(unseen) == result.evaluation.examples == 5000
     assert not set(map(tuple, unseen.poses)) & set(map(tuple, dataset.poses))
 
@@ -161,15 +161,16 @@ def test_a_linear_path_is_exported(gantry: Robot, dataset: Dataset, tmp_path: Pa
     with torch.no_grad():
         # The gantry would need no hidden layers any more.
         fitted.network.network.output.weight.fill_(0.01)
-    unseen = evaluation_dataset(gantry, 0)
+    unseen = evaluation_dataset(gantry, 500, 0)
     path = tmp_path / "model.onnx"
-    export_model(fitted, evaluate(fitted.network.joint_positions, unseen), path)
+    errors = network_errors(fitted.network.joint_positions, unseen)
+    export_model(fitted, errors.summary(), path)
     artifact = load_model(path)
     answer = artifact.joint_positions(unseen.poses)
     assert answer == pytest.approx(fitted.network.joint_positions(unseen.poses), abs=1e-9, rel=0)
     assert 1e-3 < np.abs(answer - unseen.joint_positions).max() < 0.5
     assert artifact.metadata.held_out_examples == 0
-    assert artifact.metadata.fit_options == options.as_plain_data()
+    assert artifact.metadata.fit_options == options.to_dict()
 
 
 def test_a_place_that_can_not_be_written(dataset: Dataset, tmp_path: Path) -> None:
@@ -186,12 +187,12 @@ def test_the_packaged_model_is_what_its_command_makes(gantry: Robot, tmp_path: P
     The weights may differ from machine to machine, since rounding differs and the fit magnifies
     it; the examples, the options and what the network answers may not.
     """
-    dataset = compute_dataset(gantry, "thirty_phase", 6, seed=0)
+    dataset = generate_dataset(gantry, "thirty_phase", 6, seed=0)
     result = train(dataset, tmp_path / "gantry.onnx", FitOptions())
     packaged, made = load_model(default_model_path()), load_model(result.path)
     assert made.metadata.dataset_hash == packaged.metadata.dataset_hash
     assert made.metadata.fit_options == packaged.metadata.fit_options
-    poses = compute_random_dataset(gantry, gantry.joint_box, 2000, seed=77).poses
+    poses = random_dataset(gantry, gantry.joint_box, 2000, seed=77).poses
     difference = np.abs(made.joint_positions(poses) - packaged.joint_positions(poses))
     # 1e-4 rad of a drive is 0.06 mm.
     assert difference.max() < 1e-4

@@ -13,8 +13,8 @@ from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.solver.options import RefinementOptions
 from annik_core.solver.refinement import Refinement
-from annik_training.designs.sampling import compute_random_dataset
-from annik_training.evaluation import SAME_SOLUTION, Measured, measure, summarise
+from annik_training.designs.sampling import random_dataset
+from annik_training.evaluation import SAME_SOLUTION, NetworkErrors, network_errors
 
 
 @pytest.fixture(scope="module")
@@ -24,25 +24,25 @@ def ur5e() -> Robot:
 
 @pytest.fixture(scope="module")
 def unseen(ur5e: Robot) -> Dataset:
-    return compute_random_dataset(ur5e, ur5e.joint_box, 200, seed=5)
+    return random_dataset(ur5e, ur5e.joint_box, 200, seed=5)
 
 
 @pytest.fixture(scope="module")
-def measured(unseen: Dataset) -> Measured:
+def measured(unseen: Dataset) -> NetworkErrors:
     """Answers that are off by up to half a radian, and some by far."""
     rng = np.random.default_rng(0)
     off = rng.uniform(-0.5, 0.5, unseen.joint_positions.shape)
     off[:20] *= 6.0
-    return measure(lambda _: unseen.joint_positions + off, unseen)
+    return network_errors(lambda _: unseen.joint_positions + off, unseen)
 
 
 def test_the_numbers_are_those_of_a_direct_computation(
-    ur5e: Robot, unseen: Dataset, measured: Measured
+    ur5e: Robot, unseen: Dataset, measured: NetworkErrors
 ) -> None:
     search = Refinement(ur5e.forward_kinematics, ur5e.joint_box, RefinementOptions())
     steps, distances, angles, same = [], [], [], 0
     for answer, pose, joints in zip(
-        measured.answers, unseen.poses, unseen.joint_positions, strict=True
+        measured.joint_positions, unseen.poses, unseen.joint_positions, strict=True
     ):
         found = search.refine(answer, pose)
         if not found.converged:
@@ -54,7 +54,7 @@ def test_the_numbers_are_those_of_a_direct_computation(
         angles.append(angle[0])
         steps.append(found.newton_steps)
         same += np.abs(found.joint_positions - joints).max() < SAME_SOLUTION
-    refined = summarise(measured).refined
+    refined = measured.summary().refined
     assert refined is not None
     assert refined.success == len(steps) / 200
     assert refined.same_solution == same / 200
@@ -67,7 +67,7 @@ def test_the_numbers_are_those_of_a_direct_computation(
 
 
 def test_the_exact_inverse_takes_no_step(unseen: Dataset) -> None:
-    refined = summarise(measure(lambda _: unseen.joint_positions, unseen)).refined
+    refined = network_errors(lambda _: unseen.joint_positions, unseen).summary().refined
     assert refined is not None
     assert (refined.success, refined.same_solution, refined.max_steps) == (1.0, 1.0, 0)
     assert refined.position_residual < 1e-12
@@ -76,10 +76,10 @@ def test_the_exact_inverse_takes_no_step(unseen: Dataset) -> None:
 def test_another_solution_inside_the_box_is_a_success_that_is_not_the_same() -> None:
     """A planar arm that may bend its elbow either way, asked with the elbow bent the other way."""
     scara = load_robot("scara", joint_box={"joint2": [-2.4, 2.4]})
-    unseen = compute_random_dataset(scara, scara.joint_box, 60, seed=0)
+    unseen = random_dataset(scara, scara.joint_box, 60, seed=0)
     mirrored = unseen.joint_positions * [1.0, -1.0, 1.0, 1.0]
     mirrored[:, 0] += unseen.joint_positions[:, 1]
-    refined = summarise(measure(lambda _: mirrored, unseen)).refined
+    refined = network_errors(lambda _: mirrored, unseen).summary().refined
     assert refined is not None
     assert refined.same_solution < refined.success - 0.3
 
@@ -87,26 +87,26 @@ def test_another_solution_inside_the_box_is_a_success_that_is_not_the_same() -> 
 @pytest.mark.parametrize("value", [0.0, 1e3, -1e12, 1e300])
 def test_nonsense_is_measured_as_what_it_is(unseen: Dataset, value: float) -> None:
     """Fewer successes, answers outside the limits, finite numbers, and no exception."""
-    evaluation = summarise(measure(lambda poses: np.full((len(poses), 6), value), unseen))
+    evaluation = network_errors(lambda poses: np.full((len(poses), 6), value), unseen).summary()
     assert evaluation.refined is not None
     assert evaluation.refined.success < 1.0
     assert evaluation.outside_joint_limits == (0.0 if value == 0.0 else 1.0)
-    written = json.dumps(evaluation.as_plain_data(), allow_nan=False)
-    assert json.loads(written) == evaluation.as_plain_data()
+    written = json.dumps(evaluation.to_dict(), allow_nan=False)
+    assert json.loads(written) == evaluation.to_dict()
 
 
 def test_nothing_solved_is_all_zeros(ur5e: Robot) -> None:
     """Poses that no joint positions of the box lead to."""
-    unseen = compute_random_dataset(ur5e, ur5e.joint_box, 3, seed=0)
+    unseen = random_dataset(ur5e, ur5e.joint_box, 3, seed=0)
     unseen.poses[:, 0] += 5.0
-    evaluation = summarise(measure(lambda _: unseen.joint_positions, unseen))
+    evaluation = network_errors(lambda _: unseen.joint_positions, unseen).summary()
     assert evaluation.refined is not None
     assert set(vars(evaluation.refined).values()) == {0}
-    json.dumps(evaluation.as_plain_data(), allow_nan=False)
+    json.dumps(evaluation.to_dict(), allow_nan=False)
 
 
-def test_plain_data_is_json_with_the_units_in_the_names(measured: Measured) -> None:
-    data = summarise(measured).as_plain_data()
+def test_plain_data_is_json_with_the_units_in_the_names(measured: NetworkErrors) -> None:
+    data = measured.summary().to_dict()
     assert json.loads(json.dumps(data, allow_nan=False)) == data
     assert set(data["refined"]) == {
         *("success", "same_solution", "mean_steps", "p99_steps", "max_steps"),
@@ -115,7 +115,7 @@ def test_plain_data_is_json_with_the_units_in_the_names(measured: Measured) -> N
 
 
 def test_what_a_node_does_not_refine_is_not_measured_refined(gantry: Robot) -> None:
-    unseen = compute_random_dataset(gantry, gantry.joint_box, 20, seed=0)
-    measured = measure(lambda _: unseen.joint_positions, unseen)
+    unseen = random_dataset(gantry, gantry.joint_box, 20, seed=0)
+    measured = network_errors(lambda _: unseen.joint_positions, unseen)
     assert measured.refined is None
-    assert "refined" not in summarise(measured).as_plain_data()
+    assert "refined" not in measured.summary().to_dict()

@@ -13,10 +13,10 @@ from support.imperfect_ur5e import NOISE, ImperfectUr5e, measured_ur5e
 from annik_core.errors import NonFiniteValue
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_training.calibration.errors import UnsupportedRobot
-from annik_training.calibration.estimation import FittedParameters, fit_parameters
-from annik_training.calibration.model import GrayBoxModel, Part, nominal_kinematics
+from annik_training.calibration.estimation import Estimate, estimate
+from annik_training.calibration.model import ParametricModel, Part, nominal_kinematics
 from annik_training.calibration.observations import Noise, Observations
+from annik_training.errors import UnsupportedRobot
 
 ARMS = tuple(name for name in packaged_robots() if name != "gantry")
 EVERYTHING = frozenset(Part)
@@ -43,7 +43,7 @@ def parts(request: pytest.FixtureRequest) -> frozenset[Part]:
     return frozenset(request.param)
 
 
-def drawn(model: GrayBoxModel, seed: int = 0) -> np.ndarray:
+def drawn(model: ParametricModel, seed: int = 0) -> np.ndarray:
     """Parameters as likely as any."""
     return np.random.default_rng(seed).normal(size=model.size)
 
@@ -53,7 +53,7 @@ class TestModel:
 
     def test_is_the_robot_of_its_corrections(self, robot: Robot, parts: frozenset[Part]) -> None:
         """Whose kinematics Pinocchio computes."""
-        model = GrayBoxModel(robot, parts)
+        model = ParametricModel(robot, parts)
         parameters = drawn(model)
         data = model.corrections(parameters).to_dict()
         corrected = robot_from_definition({**robot.definition, "corrections": data}, "x")
@@ -65,7 +65,7 @@ class TestModel:
         assert rotations == pytest.approx(expected, abs=1e-9)
 
     def test_is_the_nominal_robot_to_begin_with(self, robot: Robot) -> None:
-        model = GrayBoxModel(robot, frozenset({Part.GEOMETRY, Part.ALIGNMENT}))
+        model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.ALIGNMENT}))
         start = model.start(np.random.default_rng(0))
         joint_positions = robot.joint_box.sample(5, np.random.default_rng(1))
         positions, _ = model.positions_and_rotations(start, joint_positions)
@@ -73,7 +73,7 @@ class TestModel:
         assert positions == pytest.approx(poses[:, :3], abs=1e-12)
 
     def test_names_are_as_many_as_parameters(self, robot: Robot, parts: frozenset[Part]) -> None:
-        model = GrayBoxModel(robot, parts)
+        model = ParametricModel(robot, parts)
         assert len(model.names) == model.size == len(model.start(np.random.default_rng(0)))
         assert len(model.errors) == len(set(model.names[: len(model.errors)]))
 
@@ -81,7 +81,7 @@ class TestModel:
         self, robot: Robot, parts: frozenset[Part]
     ) -> None:
         """But for the pose network's, whose own small turn they leave out."""
-        model = GrayBoxModel(robot, parts)
+        model = ParametricModel(robot, parts)
         parameters = drawn(model, 2)
         joint_positions = robot.joint_box.sample(3, np.random.default_rng(3))
         evaluated = model.evaluate(parameters, joint_positions)
@@ -102,7 +102,7 @@ class TestModel:
 
     def test_of_a_learned_robot_or_the_gantry_there_is_none(self, gantry: Robot) -> None:
         nominal = robot_named("ur5e")
-        model = GrayBoxModel(nominal, frozenset({Part.GEOMETRY}))
+        model = ParametricModel(nominal, frozenset({Part.GEOMETRY}))
         data = model.corrections(np.zeros(model.size)).to_dict()
         learned = robot_from_definition({**nominal.definition, "corrections": data}, "x")
         for robot in (learned, gantry):
@@ -119,11 +119,11 @@ class TestFit:
         return Observations.of(measured_ur5e(truth, 40))
 
     @pytest.fixture(scope="class")
-    def fitted(self, observations: Observations) -> FittedParameters:
-        model = GrayBoxModel(robot_named("ur5e"), frozenset({Part.GEOMETRY}))
-        return fit_parameters(model, observations, Noise(*NOISE), np.zeros(model.size))
+    def fitted(self, observations: Observations) -> Estimate:
+        model = ParametricModel(robot_named("ur5e"), frozenset({Part.GEOMETRY}))
+        return estimate(model, observations, Noise(*NOISE), np.zeros(model.size))
 
-    def test_finds_what_is_wrong(self, fitted: FittedParameters) -> None:
+    def test_finds_what_is_wrong(self, fitted: Estimate) -> None:
         """To the noise: the residuals are as large as the degrees of freedom let them be."""
         truth = replace(ImperfectUr5e.drawn(4), amplitudes=np.zeros(6))
         named = dict(zip(fitted.model.names, fitted.parameters, strict=True))
@@ -133,11 +133,11 @@ class TestFit:
         assert mean == pytest.approx(1.0, abs=0.3)
 
     def test_left_out_residuals_are_those_of_fits_without_one_example(
-        self, fitted: FittedParameters, observations: Observations
+        self, fitted: Estimate, observations: Observations
     ) -> None:
         for left_out in range(0, 40, 8):
             others = np.arange(40) != left_out
-            refitted = fit_parameters(
+            refitted = estimate(
                 fitted.model, observations.where(others), fitted.noise, fitted.parameters
             )
             alone = observations.where(~others)
@@ -151,13 +151,13 @@ class TestFit:
     @pytest.mark.usefixtures("one_thread")
     def test_left_out_residuals_with_networks_are_near(self, observations: Observations) -> None:
         parts = frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS})
-        model = GrayBoxModel(robot_named("ur5e"), parts)
+        model = ParametricModel(robot_named("ur5e"), parts)
         start = model.start(np.random.default_rng(0))
-        fitted = fit_parameters(model, observations, Noise(*NOISE), start, 60)
+        fitted = estimate(model, observations, Noise(*NOISE), start, 60)
         squares = []
         for left_out in range(0, 40, 8):
             others = np.arange(40) != left_out
-            refitted = fit_parameters(
+            refitted = estimate(
                 model, observations.where(others), fitted.noise, fitted.parameters, 20
             )
             alone = observations.where(~others)
@@ -172,7 +172,7 @@ class TestFit:
         by_formula, by_refit = np.array(squares).sum(axis=0)
         assert by_formula == pytest.approx(by_refit, rel=0.1)
 
-    def test_covariance_is_that_of_a_linear_model(self, fitted: FittedParameters) -> None:
+    def test_covariance_is_that_of_a_linear_model(self, fitted: Estimate) -> None:
         derivatives = fitted.derivatives.reshape(-1, fitted.model.size)
         precision = derivatives.T @ derivatives + np.eye(fitted.model.size)
         assert fitted.covariance @ precision == pytest.approx(np.eye(fitted.model.size), abs=1e-5)
@@ -180,21 +180,21 @@ class TestFit:
         assert 0.0 < fitted.leverages.min(initial=1.0, where=np.eye(6, dtype=bool)) <= 1.0
 
     def test_without_weight_an_example_says_nothing(self, observations: Observations) -> None:
-        model = GrayBoxModel(robot_named("ur5e"), frozenset({Part.GEOMETRY}))
+        model = ParametricModel(robot_named("ur5e"), frozenset({Part.GEOMETRY}))
         weights = np.ones(40)
         weights[7] = 0.0
         spoiled = replace(observations, positions=observations.positions.copy())
         spoiled.positions[7] += 1.0
         results = [
-            fit_parameters(model, each, Noise(*NOISE), np.zeros(model.size)).parameters
+            estimate(model, each, Noise(*NOISE), np.zeros(model.size)).parameters
             for each in (spoiled.weighted(weights), observations.where(weights > 0.0))
         ]
         assert results[0] == pytest.approx(results[1], abs=1e-5)
 
-    def test_covariance_of_hardly_any_noise_is_one(self, fitted: FittedParameters) -> None:
+    def test_covariance_of_hardly_any_noise_is_one(self, fitted: Estimate) -> None:
         """Positive definite, though derivatives and prior are ten orders of magnitude apart."""
-        model = GrayBoxModel(robot_named("ur5e"), EVERYTHING)
-        sharp = FittedParameters(model, drawn(model), fitted.observations, Noise(1e-9, 1e-9))
+        model = ParametricModel(robot_named("ur5e"), EVERYTHING)
+        sharp = Estimate(model, drawn(model), fitted.observations, Noise(1e-9, 1e-9))
         assert np.isfinite(sharp.root).all()
         assert np.linalg.eigvalsh(sharp.covariance).min() > -1e-12
         assert (np.diag(sharp.covariance) <= 1.0 + 1e-9).all()

@@ -11,8 +11,8 @@ from annik_core.dataset import MEASURED
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_training.calibration.validation import evaluate_measured
-from annik_training.cli.calibration_output import evaluation_summary, print_evaluation
-from annik_training.designs.sampling import compute_dataset
+from annik_training.cli.evaluate import evaluation_summary, print_measured
+from annik_training.designs.sampling import generate_dataset
 
 
 def _learned(position_only: bool) -> Robot:
@@ -26,7 +26,7 @@ def _learned(position_only: bool) -> Robot:
 def test_orientations_that_were_not_learned_are_not_judged(
     position_only: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    computed = compute_dataset(load_robot("ur5e"), "sobol", 16, seed=0)
+    computed = generate_dataset(load_robot("ur5e"), "sobol", 16, seed=0)
     evaluation = evaluate_measured(_learned(position_only), replace(computed, source=MEASURED))
     summary = evaluation_summary(evaluation)
     for value in (
@@ -36,7 +36,7 @@ def test_orientations_that_were_not_learned_are_not_judged(
     ):
         assert (value is None) == position_only
     assert summary["learned"]["mean_position_error"] > 0.0
-    print_evaluation(evaluation, "a model")
+    print_measured(evaluation, "a model")
     printed = capsys.readouterr().out
-    assert ("orientations were not" in printed) == position_only
+    assert ("not calibrated" in printed) == position_only
     assert ("orientation [deg]" in printed) != position_only

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -14,11 +15,16 @@ from click.testing import CliRunner, Result
 from annik_core.errors import AnnikError
 from annik_core.installation import share_directory
 from annik_core.model.artifact import default_model_path, load_model
-from annik_training.cli.commands import ConflictingOptions, cli, main
-from annik_training.designs.registry import DESIGNS
+from annik_core.robots.library import load_robot
+from annik_core.settings import settings_of
+from annik_training import cli as cli_package
+from annik_training.cli import COMMANDS, cli, main
+from annik_training.cli.options import FIT_NAMES, chosen_fit
+from annik_training.cli.train import ConflictingOptions, train
+from annik_training.defaults import DEFAULTS
+from annik_training.designs.registry import DESIGNS, Needs
 from annik_training.fitting.options import FitOptions
 
-COMMANDS = ("design", "train", "evaluate", "info", "report", "robot")
 #: The smallest fit that gives a model file.
 TINY = ("--hidden", "3", "--restarts", "1", "--max-evaluations", "1")
 
@@ -38,13 +44,48 @@ def run_main(
     return exit_.value.code or 0, output.out, output.err
 
 
-def test_help_names_every_command() -> None:
+def test_help_names_every_command_and_says_what_it_does() -> None:
+    """The list of commands loads none of them, so it has their first sentences itself."""
     result = invoke("--help")
     assert result.exit_code == 0
-    for command in COMMANDS:
-        assert command in result.output
-        assert invoke(command, "--help").exit_code == 0
     assert invoke("-h").output == result.output
+    shared = {"__init__", "__main__", "options", "output", "plots"}
+    files = {path.stem for path in Path(str(cli_package.__file__)).parent.glob("*.py")}
+    assert set(COMMANDS) == files - shared
+    shown = " ".join(result.output.split())
+    for command, sentence in COMMANDS.items():
+        assert f"{command} {sentence}" in shown
+        helped = invoke(command, "--help")
+        assert helped.exit_code == 0
+        assert sentence in " ".join(helped.output.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "forbidden"),
+    [
+        (["--help"], {"numpy", "onnxruntime", "scipy", "torch"}),
+        (["report", "--help"], {"onnxruntime", "torch"}),
+        (["train", "--help"], {"torch"}),
+    ],
+)
+def test_help_and_report_load_nothing_heavy(arguments: list[str], forbidden: set[str]) -> None:
+    """``annik report`` works where torch is not installed, and ``--help`` is quick."""
+    script = (
+        "import sys\n"
+        "from annik_training.cli import cli\n"
+        f"cli({arguments!r}, standalone_mode=False)\n"
+        f"print(sorted({forbidden!r} & set(sys.modules)))\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+    )
+    assert result.stdout.endswith("[]\n"), result.stdout + result.stderr
+
+
+def test_the_new_name_of_a_command_is_suggested() -> None:
+    result = invoke("fit", "--measured", "m.npz")
+    assert result.exit_code == 2
+    assert "No such command 'fit'. Did you mean 'calibrate'?" in result.output
 
 
 def test_version() -> None:
@@ -77,20 +118,28 @@ def test_design_says_how_many_examples(arguments: tuple[object, ...], count: int
 @pytest.mark.parametrize("name", sorted(set(DESIGNS) - {"active"}))  # it takes its time
 def test_without_a_size_the_default_is_used_and_said(name: str) -> None:
     chosen = DESIGNS[name]
-    result = invoke("design", name, "--robot", "ur5e" if chosen.arms_only else "gantry")
+    result = invoke("design", name, "--robot", "ur5e" if chosen.needs is Needs.ARM else "gantry")
     assert result.exit_code == 0, result.output
-    assert f"{name}: {chosen.size_flag} is {chosen.default_size}, the default" in result.output
+    assert f"{name}: {chosen.size.flag} is {chosen.size.default}, the default" in result.output
 
 
 @pytest.mark.parametrize("command", ["design", "train"])
 def test_help_names_every_design_and_default_size(command: str) -> None:
-    """It does not import them, so as to be quick; it must still say what they say."""
     text = " ".join(invoke(command, "--help").output.split())
     for design in DESIGNS.values():
-        assert design.name in text
+        size = design.size
         assert re.search(
-            rf"{design.size_flag} INTEGER [^-]*\(default {design.default_size}\)\.", text
+            rf"{size.flag} INTEGER [^-]*{design.name}[^-]*\(default {size.default}\)\.", text
         )
+
+
+def test_help_names_every_option_of_a_fit_and_its_defaults() -> None:
+    text = " ".join(invoke("train", "--help").output.split())
+    for option in settings_of(FitOptions):
+        assert (option.description in text) == (option.name in FIT_NAMES)
+    fits = [DEFAULTS[kind].fit.restarts for kind in ("gantry", "arm")]
+    assert "Default: gantry: {}; arm: {}.".format(*fits) in text
+    assert "Default: gantry: 20; arm: 64,64,64." in text
 
 
 def test_design_checks_and_saves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,13 +162,6 @@ def test_design_checks_and_saves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert ["x_drive_joint", "yaw_drive_joint"] in numbers["blind_interactions"]
 
 
-@pytest.fixture
-def quick_plot(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare drawing where the picture does not matter."""
-    monkeypatch.setattr("annik_training.designs.plot.pair_plot", lambda *_: b"a picture")
-
-
-@pytest.mark.usefixtures("quick_plot")
 def test_a_robot_that_is_no_file_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     packaged = share_directory() / "robots" / "gantry.yaml"
@@ -133,7 +175,6 @@ def test_a_robot_that_is_no_file_name(tmp_path: Path, monkeypatch: pytest.Monkey
     }
 
 
-@pytest.mark.usefixtures("quick_plot")
 def test_where_the_plot_goes_can_be_said(tmp_path: Path) -> None:
     """And asking for it is asking for the check."""
     result = invoke("design", "sobol", "--plot", tmp_path / "new" / "pairs.png")
@@ -145,16 +186,31 @@ def test_where_the_plot_goes_can_be_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("design", "--steps", 0), "steps is 0"),
-        (("design", "random", "--examples", 0), "examples is 0"),
-        (("design", "central_composite", "--shells", 0), "shells is 0"),
-        (("design", "workspace_grid", "--orientation-levels", 0), "orientation levels is 0"),
-        (("design", "sobol", "--steps", 3), "has no option steps; it has examples"),
+        (("design", "--steps", 0), "steps of design thirty_phase is 0"),
+        (("design", "random", "--examples", 0), "examples of design random is 0"),
+        (
+            ("design", "central_composite", "--shells", 0),
+            "shells of design central_composite is 0",
+        ),
+        (
+            ("design", "workspace_grid", "--orientation-levels", 0),
+            "orientation_levels of design workspace_grid is 0",
+        ),
+        (
+            ("design", "sobol", "--steps", 3),
+            "option of design sobol is 'steps'; allowed: examples",
+        ),
         (("design", "--plot", "broken.yaml/pairs.png"), "can't be written"),
-        (("design", "--plot", "pairs.pdf"), "must end in .png"),
-        (("design", "--steps", 3, "--examples", 9), "has no option examples"),
-        (("design", "--steps", 3, "--examples", 0), "has no option examples"),
-        (("design", "spiral", "--steps", 3), "no design 'spiral'"),
+        (("design", "--plot", "pairs.pdf"), "ends in .png"),
+        (
+            ("design", "--steps", 3, "--examples", 9),
+            "option of design thirty_phase is 'examples'; allowed: steps",
+        ),
+        (
+            ("design", "--steps", 3, "--examples", 0),
+            "option of design thirty_phase is 'examples'; allowed: steps",
+        ),
+        (("design", "spiral", "--steps", 3), "design is 'spiral'; allowed: thirty_phase, "),
         (("design", "--robot", "octopus", "--steps", 3), "no robot 'octopus'"),
         (("design", "--robot", "broken.yaml", "--steps", 3), "not readable as YAML"),
         (("design", "--steps", 3, "--out", "no/where.npz"), "can't be written"),
@@ -162,7 +218,7 @@ def test_where_the_plot_goes_can_be_said(tmp_path: Path) -> None:
         (("train", "--steps", 3, "--restarts", 0, "--out", "m.onnx"), "restarts is 0"),
         (("train", "--steps", 3, "--hidden", "0", "--out", "m.onnx"), "hidden_units is (0,)"),
         (("train", "--held-out", 0.6, "--out", "m.onnx"), "held_out_fraction is 0.6"),
-        (("train", "--sobolev", "nan", "--out", "m.onnx"), "slope_weight is nan"),
+        (("train", "--sobolev", "nan", "--out", "m.onnx"), "sobolev_weight is nan"),
         (("info", "none.onnx"), "no such file"),
         (("info", "broken.yaml"), "broken.yaml"),
         (("evaluate", "none.onnx"), "no such file"),
@@ -273,30 +329,24 @@ def test_an_affine_robot_is_trained_exactly_on_seven_examples(tmp_path: Path) ->
     assert load_model(model).metadata.fit_options["linear_path"] is True
 
 
-def test_how_to_fit_can_be_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each flag reaches the option that it names; nothing is trained here."""
-    asked = []
+def fit_options(*arguments: object) -> FitOptions:
+    """The options of the fit that arguments of ``annik train`` ask for."""
+    context = train.make_context("train", [*map(str, arguments), "--out", "m.onnx"])
+    choices = {name: context.params[name] for name in FIT_NAMES}
+    return chosen_fit(load_robot(context.params["robot"]), context.params["seed"], choices)
 
-    def train(dataset: object, path: Path, options: FitOptions, on_restart: object) -> None:
-        asked.append(options)
-        raise AnnikError("enough")
 
-    monkeypatch.setattr("annik_training.train.train", train)
-    monkeypatch.chdir(tmp_path)
-    common = ("train", "--steps", 3, "--out", "m.onnx")
-    invoke(*common)
-    invoke(*common, "--linear-path", "--sobolev", 0.5, "--bayesian", "--held-out", 0.25)
-    invoke(*common, "--hidden", "8,6", "--restarts", 3, "--max-evaluations", 9, "--seed", 4)
-    assert asked == [
-        FitOptions(),
-        FitOptions(
-            linear_path=True,
-            slope_weight=0.5,
-            bayesian_regularisation=True,
-            held_out_fraction=0.25,
-        ),
-        FitOptions(hidden_units=(8, 6), restarts=3, max_evaluations=9, seed=4),
-    ]
+def test_how_to_fit_can_be_said() -> None:
+    """Each flag reaches the option that it names."""
+    assert fit_options() == FitOptions()
+    assert fit_options(
+        "--linear-path", "--sobolev", 0.5, "--bayesian", "--held-out", 0.25
+    ) == FitOptions(
+        linear_path=True, sobolev_weight=0.5, bayesian_regularisation=True, held_out_fraction=0.25
+    )
+    assert fit_options(
+        "--hidden", "8,6", "--restarts", 3, "--max-evaluations", 9, "--seed", 4
+    ) == FitOptions(hidden_units=(8, 6), restarts=3, max_evaluations=9, seed=4)
 
 
 def test_info_prints_what_a_model_says_of_itself() -> None:
@@ -313,25 +363,23 @@ def test_evaluate_prints_the_errors_of_a_model() -> None:
     assert "5000 random poses" in result.output
 
 
-@pytest.mark.parametrize("arguments", [("train", "--steps", 3, "--out", "m.onnx")])
-def test_a_missing_library_is_named_with_what_installs_it(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: tuple[object, ...],
-) -> None:
-    for name in [name for name in sys.modules if name.startswith("annik_training.")]:
-        if name != "annik_training.cli.commands":
-            # A module is an attribute of its package too, which importing it again replaces.
-            parent, _, child = name.rpartition(".")
-            monkeypatch.setattr(sys.modules[parent], child, sys.modules[name])
-    for name in [name for name in sys.modules if name.startswith("annik_training.")]:
-        if name != "annik_training.cli.commands":
-            monkeypatch.delitem(sys.modules, name)
-    # None in sys.modules is how Python is told that a module can't be imported.
-    monkeypatch.setitem(sys.modules, "torch", None)
-    code, _, errors = run_main(monkeypatch, capsys, *arguments)
-    assert code == 1
-    assert errors == "annik: this needs torch: install it with pip install '.[training]'\n"
+def test_a_missing_library_is_named_with_what_installs_it() -> None:
+    script = (
+        "import sys\n"
+        # None in sys.modules is how Python is told that a module can't be imported.
+        "sys.modules['torch'] = None\n"
+        "sys.argv = ['annik', 'train', '--steps', '3', '--out', 'm.onnx']\n"
+        "from annik_training.cli import main\n"
+        "main()\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
+    )
+    assert result.returncode == 1
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("annik: ")
+    assert "torch" in line
+    assert "pip install '.[training]'" in line
 
 
 def test_only_known_libraries_are_explained(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -340,7 +388,7 @@ def test_only_known_libraries_are_explained(monkeypatch: pytest.MonkeyPatch) -> 
     def fail() -> None:
         raise ModuleNotFoundError("No module named 'nothing'", name="nothing")
 
-    monkeypatch.setattr("annik_training.cli.commands.cli", lambda **_: fail())
+    monkeypatch.setattr(cli_package, "cli", lambda **_: fail())
     with pytest.raises(ModuleNotFoundError) as caught:
         main()
     assert not isinstance(caught.value, AnnikError)

@@ -15,12 +15,15 @@ from click.testing import CliRunner, Result
 from support.six_joint_arm import BASE, BOX, FLANGE, FRAMES, JOINT_BOX, JOINTS, URDF
 
 from annik_core.dataset import Dataset
-from annik_core.errors import AnnikError
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
-from annik_core.robots.robot import Robot
-from annik_training.cli.commands import ConflictingOptions, cli, main
-from annik_training.fitting.options import ARM_OPTIONS, FitOptions
+from annik_training.cli import cli, main
+from annik_training.cli.options import FIT_NAMES, chosen_dataset, chosen_fit
+from annik_training.cli.train import ConflictingOptions, train
+from annik_training.defaults import DEFAULTS
+from annik_training.fitting.options import FitOptions
+
+ARM_FIT = DEFAULTS["arm"].fit
 
 
 def invoke(*arguments: object) -> Result:
@@ -30,12 +33,6 @@ def invoke(*arguments: object) -> Result:
 def words(text: str) -> str:
     """The output without the line breaks and borders of a terminal."""
     return " ".join(re.sub(r"[│┃]", " ", text).split())
-
-
-@pytest.fixture
-def few_poses(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare the time of a large evaluation, where its numbers do not matter."""
-    monkeypatch.setattr("annik_training.train.EVALUATION_POSES", 200)
 
 
 @pytest.fixture
@@ -60,25 +57,21 @@ def test_an_arm_is_trained_from_its_urdf(arm_model: Path) -> None:
     assert pose == pytest.approx([0.83, 0.0, 0.4, 0.0, 0.0, 0.0, 1.0], abs=1e-12)
     assert (metadata.design, metadata.examples, metadata.held_out_examples) == ("sobol", 64, 0)
     assert metadata.encoding == "position_rotation_matrix"
-    options = replace(ARM_OPTIONS, hidden_units=(8,), max_evaluations=5, seed=3)
-    assert metadata.fit_options == options.as_plain_data()
+    options = replace(ARM_FIT, hidden_units=(8,), max_evaluations=5, seed=3)
+    assert metadata.fit_options == options.to_dict()
     summary = json.loads(arm_model.with_name("summary.json").read_text())
     assert (summary["robot"], summary["second_solutions"]) == ("bench_arm", 0)
     assert [restart["evaluations"] for restart in summary["restarts"]] == [5]
     assert summary["evaluation"] == metadata.evaluation
     assert metadata.evaluation["refined"]["success"] > 0.9
     printed = words(arm_model.with_name("printed.txt").read_text())
-    assert "64 examples (0 held out to choose among 1 starts), " in printed
-    assert re.search(r"Refined: \d+\.\d\d % solved inside the working box, at most", printed)
+    assert "64 examples (0 held out to choose among 1 restarts), " in printed
+    assert re.search(r"Refined: \d+\.\d\d % solved inside the joint box, at most", printed)
 
 
-@pytest.mark.usefixtures("few_poses")
-def test_evaluate_measures_an_arm_and_draws_a_map(
-    arm_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("annik_training.cli.plots._DOTS_PER_INCH", 30)
+def test_evaluate_measures_an_arm_and_draws_a_map(arm_model: Path, tmp_path: Path) -> None:
     plot = tmp_path / "new" / "map.png"
-    result = invoke("evaluate", arm_model, "--plot", plot)
+    result = invoke("evaluate", arm_model, "--plot", plot, "--evaluation-poses", 200)
     assert result.exit_code == 0, result.output
     assert "200 random poses, the network alone. Refined: " in words(result.output)
     assert plot.read_bytes().startswith(b"\x89PNG")
@@ -104,8 +97,8 @@ def test_robot_shows_joints_frames_box_and_branches(arm: Path) -> None:
 @pytest.mark.parametrize(
     ("robot", "options", "said"),
     [
-        ("arm.urdf", FRAMES, r"two branches or more: [\d.]+ % of the working box are beyond"),
-        ("ur5e", (), r"two branches or more: [345]\.\d % of the working box are beyond"),
+        ("arm.urdf", FRAMES, r"two branches or more: [\d.]+ % of the joint box are beyond"),
+        ("ur5e", (), r"two branches or more: [345]\.\d % of the joint box are beyond"),
         ("scara", (), "4 joints move: poses in 4 dimensions only"),
         ("panda", ("--joint-box", "panda_joint3=-1:1"), "7 joints move: .* Lock 1 by"),
         ("panda", (), "one branch: no singularity"),
@@ -170,73 +163,81 @@ def test_design_checks_and_draws_an_arm(arm: Path) -> None:
         assert (archive["joint_positions"][:, 3] == 0.5).all()
 
 
-@pytest.mark.usefixtures("few_poses")
-def test_a_dataset_of_an_arm_is_trained_on(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the way of an arm, and neither frames nor box can be said beside it."""
-    asked: list[tuple[Dataset, FitOptions]] = []
-
-    def train(dataset: Dataset, path: Path, options: FitOptions, on_restart: object) -> None:
-        asked.append((dataset, options))
-        raise AnnikError("enough")
-
-    monkeypatch.setattr("annik_training.train.train", train)
+def test_a_dataset_of_an_arm_is_trained_on(arm: Path) -> None:
+    """By the defaults of an arm; neither frames nor box can be said beside it."""
     made = invoke(
         *("design", "sobol", "--examples", 16, "--robot", arm, *FRAMES, *JOINT_BOX),
         *("--out", "d.npz"),
     )
     assert made.exit_code == 0, made.output
-    invoke("train", "--dataset", "d.npz", "--out", "m.onnx")
-    ((dataset, options),) = asked
-    assert (dataset.robot.name, len(dataset), options) == ("bench_arm", 16, ARM_OPTIONS)
+    result = invoke(
+        *("train", "--dataset", "d.npz", "--out", "m.onnx"),
+        *("--max-evaluations", 2, "--evaluation-poses", 20),
+    )
+    assert result.exit_code == 0, result.output
+    metadata = load_model(Path("m.onnx")).metadata
+    assert (metadata.robot["name"], metadata.examples) == ("bench_arm", 16)
+    assert metadata.fit_options == replace(ARM_FIT, max_evaluations=2).to_dict()
     for option in (FRAMES[:2], FRAMES[2:], JOINT_BOX[:2]):
-        result = invoke("train", "--dataset", "d.npz", *option, "--out", "m.onnx")
+        result = invoke("train", "--dataset", "d.npz", *option, "--out", "other.onnx")
         assert isinstance(result.exception, ConflictingOptions)
-        assert option[0] in str(result.exception)
-    assert len(asked) == 1
+        assert result.exception.others == (option[0],)
+    assert not Path("other.onnx").exists()
 
 
-def test_defaults_are_those_of_the_kind_of_robot(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Design, size and fit; what is said goes before. Nothing is trained here."""
-    asked: list[tuple[Robot, str, int, FitOptions]] = []
+def chosen(*arguments: object) -> tuple[Dataset, FitOptions]:
+    """The examples and the options of the fit that arguments of ``annik train`` ask for."""
+    choices = train.make_context("train", [*map(str, arguments), "--out", "m.onnx"]).params
+    fit_choices = {name: choices.pop(name) for name in FIT_NAMES}
+    for name in ("dataset_path", "evaluation_poses", "out", "summary"):
+        choices.pop(name)
+    seed = choices.pop("seed")
+    dataset = chosen_dataset(seed, choices)
+    return dataset, chosen_fit(dataset.robot, seed, fit_choices)
 
-    def train(dataset: Dataset, path: Path, options: FitOptions, on_restart: object) -> None:
-        asked.append((dataset.robot, dataset.design, len(dataset), options))
-        raise AnnikError("enough")
 
-    monkeypatch.setattr("annik_training.train.train", train)
-    for arguments in (
-        (),
-        ("--robot", "ur5e"),
-        ("--robot", "ur5e", "--examples", 9, "--restarts", 2, "--no-linear-path"),
-        ("--robot", "ur5e", "--design", "sobol", "--sobolev", 0),
+@pytest.mark.parametrize(
+    ("arguments", "examples", "options"),
+    [
+        ((), ("gantry", "thirty_phase", 179), FitOptions()),
+        (("--robot", "ur5e"), ("ur5e", "sobol", 512), ARM_FIT),
         (
-            *("--robot", "scara", "--optimiser", "levenberg_marquardt", "--bayesian"),
-            *("--held-out", 0.1, "--design", "thirty_phase", "--steps", 2),
+            ("--robot", "ur5e", "--examples", 9, "--restarts", 2, "--no-linear-path"),
+            ("ur5e", "sobol", 9),
+            replace(ARM_FIT, restarts=2, linear_path=False),
         ),
-        ("--robot", "gantry", "--optimiser", "lbfgs", "--hidden", "6,6"),
-    ):
-        invoke("train", *arguments, "--out", "m.onnx")
-    names = [(robot.name, design, count) for robot, design, count, _ in asked]
-    assert names[:4] == [
-        ("gantry", "thirty_phase", 179),
-        ("ur5e", "sobol", 512),
-        ("ur5e", "sobol", 9),
-        ("ur5e", "sobol", 100),
-    ]
-    assert names[4][:2] == ("scara", "thirty_phase")
-    assert [options for *_, options in asked] == [
-        FitOptions(),
-        ARM_OPTIONS,
-        replace(ARM_OPTIONS, restarts=2, linear_path=False),
-        replace(ARM_OPTIONS, slope_weight=0.0),
-        replace(
-            ARM_OPTIONS,
-            optimiser="levenberg_marquardt",
-            bayesian_regularisation=True,
-            held_out_fraction=0.1,
+        (
+            ("--robot", "ur5e", "--design", "sobol", "--sobolev", 0),
+            ("ur5e", "sobol", 100),
+            replace(ARM_FIT, sobolev_weight=0.0),
         ),
-        FitOptions(optimiser="lbfgs", hidden_units=(6, 6)),
-    ]
+        (
+            (
+                *("--robot", "scara", "--optimiser", "levenberg_marquardt", "--bayesian"),
+                *("--held-out", 0.1, "--design", "thirty_phase", "--steps", 2),
+            ),
+            ("scara", "thirty_phase", 37),
+            replace(
+                ARM_FIT,
+                optimiser="levenberg_marquardt",
+                bayesian_regularisation=True,
+                held_out_fraction=0.1,
+            ),
+        ),
+        (
+            ("--robot", "gantry", "--optimiser", "lbfgs", "--hidden", "6,6"),
+            ("gantry", "thirty_phase", 179),
+            FitOptions(optimiser="lbfgs", hidden_units=(6, 6)),
+        ),
+    ],
+)
+def test_defaults_are_those_of_the_kind_of_robot(
+    arguments: tuple[object, ...], examples: tuple[str, str, int], options: FitOptions
+) -> None:
+    """Design, size and fit; what is said goes before."""
+    dataset, fit = chosen(*arguments)
+    assert (dataset.robot.name, dataset.design, len(dataset)) == examples
+    assert fit == options
 
 
 #: The arm, spoiled.
@@ -259,12 +260,24 @@ _HALF_LIMIT = URDF.replace('<limit lower="-2.9" ', "<limit ", 1)
         ("", FRAMES, "not XML"),
         ("<sdf/>", FRAMES, "its outermost element is <sdf>"),
         (URDF.replace("<robot", "<robot xmlns:xacro='x'><xacro:arg/></robot><robot"), (), "XML"),
-        (URDF, (*FRAMES, "--joint-box", "swivel"), "'swivel' is not of the form JOINT=LOWER:UPP"),
-        (URDF, (*FRAMES, "--joint-box", "swivel="), "is not of the form"),
-        (URDF, (*FRAMES, "--joint-box", "swivel=a:b"), "is not of the form"),
-        (URDF, (*FRAMES, "--joint-box", "swivel=0:1:2"), "is not of the form"),
-        (URDF, (*FRAMES, "--joint-box", "=0:1"), "is not of the form"),
-        (URDF, (*FRAMES, "--joint-box", ""), "is not of the form"),
+        (
+            URDF,
+            (*FRAMES, "--joint-box", "swivel"),
+            "--joint-box is 'swivel'; allowed: JOINT=LOWER:UPPER",
+        ),
+        (URDF, (*FRAMES, "--joint-box", "swivel="), "allowed: JOINT=LOWER:UPPER or JOINT=VALUE"),
+        (
+            URDF,
+            (*FRAMES, "--joint-box", "swivel=a:b"),
+            "allowed: JOINT=LOWER:UPPER or JOINT=VALUE",
+        ),
+        (
+            URDF,
+            (*FRAMES, "--joint-box", "swivel=0:1:2"),
+            "allowed: JOINT=LOWER:UPPER or JOINT=VALUE",
+        ),
+        (URDF, (*FRAMES, "--joint-box", "=0:1"), "allowed: JOINT=LOWER:UPPER or JOINT=VALUE"),
+        (URDF, (*FRAMES, "--joint-box", ""), "allowed: JOINT=LOWER:UPPER or JOINT=VALUE"),
         (URDF, (*FRAMES, "--joint-box", "grip=0:0.01"), "'grip', which is no joint of the chain"),
         (URDF, (*FRAMES, "--joint-box", "swivel=1:0"), "joint_box of swivel is [1.0, 0.0], not"),
         (URDF, (*FRAMES, "--joint-box", "swivel=-3:3"), "not inside its limits [-2.9, 2.9]"),
@@ -298,7 +311,7 @@ def test_a_bad_urdf_or_box_is_one_line_and_exit_code_1(
     assert caught.value.code == 1
     assert line.startswith("annik: ")
     assert complaint in line
-    assert "form" in line or "arm.urdf" in line
+    assert "--joint-box is" in line or "arm.urdf" in line
     assert [path.name for path in Path().iterdir()] == ["arm.urdf"]
 
 

@@ -1,13 +1,11 @@
-"""``annik fit --measured`` and ``annik evaluate --measured``, from poses to a model. ROS-free."""
+"""``annik calibrate`` and ``annik evaluate --measured``, from poses to a model. ROS-free."""
 
 from __future__ import annotations
 
 import json
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +23,8 @@ from annik_core.robots.library import load_robot
 from annik_core.safety import IkStatus
 from annik_core.solver.ik_solver import IkSolver
 from annik_training.calibration.errors import NotMeasured
-from annik_training.calibration.model import Part
-from annik_training.cli.commands import cli, main
-from annik_training.designs.sampling import compute_dataset
+from annik_training.cli import cli, main
+from annik_training.designs.sampling import generate_dataset
 
 TRUTH = ImperfectUr5e.drawn(1)
 UR5E = load_robot("ur5e")
@@ -41,28 +38,6 @@ def invoke(*arguments: object) -> Result:
 def words(text: str) -> str:
     """The output without the line breaks and borders of a terminal."""
     return " ".join(re.sub(r"[│┃]", " ", text).split())
-
-
-@contextmanager
-def spared() -> Iterator[None]:
-    """Neither models that this robot does not need, nor a well trained network."""
-    from annik_training.fitting.options import ARM_OPTIONS, FitOptions
-
-    with pytest.MonkeyPatch.context() as patch:
-        gears = frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS})
-        patch.setattr(
-            "annik_training.calibration.calibrate.CANDIDATES",
-            (gears - {Part.JOINT_NETWORKS}, gears),
-        )
-        patch.setattr("annik_training.calibration.calibrate._STARTS", 1)
-        patch.setattr("annik_training.calibration.calibrate._EVALUATIONS", 40)
-        patch.setattr("annik_training.train.EVALUATION_POSES", 100)
-
-        def options(kind: str) -> FitOptions:
-            return replace(ARM_OPTIONS, hidden_units=(8,), max_evaluations=5)
-
-        patch.setattr("annik_training.fitting.options.default_options", options)
-        yield
 
 
 @dataclass(frozen=True)
@@ -85,11 +60,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     save_dataset(dataset, folder / "measured.npz")
     joint_positions = UR5E.joint_box.sample(100, np.random.default_rng(1))
     save_dataset(measured(UR5E, TRUTH.poses, joint_positions, seed=5), folder / "held_out.npz")
-    with spared():
-        result = invoke(
-            *("fit", "--measured", folder / "measured.npz", "--examples", 64, "--seed", 2),
-            *("--out", folder / "learned.onnx", "--summary", folder / "summary.json"),
-        )
+    result = invoke(
+        *("calibrate", "--measured", folder / "measured.npz", "--examples", 64, "--seed", 2),
+        *("--out", folder / "learned.onnx", "--summary", folder / "summary.json"),
+        *("--evaluation-poses", 100),
+    )
     assert result.exit_code == 0, result.output
     return Made(
         folder / "measured.npz",
@@ -100,7 +75,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     )
 
 
-class TestFit:
+class TestCalibrate:
     """The model file that comes of measured poses."""
 
     def test_carries_the_learned_robot(self, made: Made) -> None:
@@ -141,32 +116,13 @@ class TestFit:
         assert made.summary["outliers"] == [11]
         assert made.summary["seed"] == 2
         assert made.summary["position_only"] is False
-        assert len(made.summary["candidates"]) == 2
+        assert len(made.summary["candidates"]) == 5
         assert "elbow_joint: offset along the axis" in made.summary["unidentified"]
 
     def test_info_shows_the_model(self, made: Made) -> None:
         result = invoke("info", made.model)
         assert result.exit_code == 0, result.output
         assert "<robot" not in result.output
-
-    def test_of_positions_alone(
-        self, made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """The flag arrives at the fit; which is not made here."""
-        asked: list[dict[str, Any]] = []
-
-        def learn_robot(dataset: object, seed: int, **options: Any) -> None:
-            asked.append({"seed": seed, **options})
-            raise RobotMismatch("enough", "a", "b")
-
-        monkeypatch.setattr("annik_training.calibration.calibrate.learn_robot", learn_robot)
-        arguments = ("fit", "--measured", made.measured, "--seed", 4, "--out", tmp_path / "m.onnx")
-        invoke(*arguments, "--position-only")
-        invoke(*arguments)
-        assert asked == [
-            {"seed": 4, "position_only": True},
-            {"seed": 4, "position_only": False},
-        ]
 
 
 class TestTampering:
@@ -244,25 +200,34 @@ class TestEvaluate:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("fit", "--measured", "MEASURED", "--out", "file/m.onnx"), "can't be written"),
+        (("calibrate", "--measured", "MEASURED", "--out", "file/m.onnx"), "can't be written"),
         (
-            ("fit", "--measured", "MEASURED", "--out", "m.onnx", "--summary", "file/s.json"),
+            ("calibrate", "--measured", "MEASURED", "--out", "m.onnx", "--summary", "file/s.json"),
             "can't be written",
         ),
-        (("fit", "--measured", "none.npz", "--out", "m.onnx"), "no such file"),
-        (("fit", "--measured", "file", "--out", "m.onnx"), "not a dataset"),
-        (("fit", "--measured", "MODEL", "--out", "m.onnx"), "not a dataset"),
+        (("calibrate", "--measured", "none.npz", "--out", "m.onnx"), "no such file"),
+        (("calibrate", "--measured", "file", "--out", "m.onnx"), "not a dataset"),
+        (("calibrate", "--measured", "MODEL", "--out", "m.onnx"), "not a dataset"),
         (
-            ("fit", "--measured", "MEASURED", "--nominal", "xarm6", "--out", "m.onnx"),
-            "the measured poses belongs to robot ur5e",
+            ("calibrate", "--measured", "MEASURED", "--nominal", "xarm6", "--out", "m.onnx"),
+            "the measured dataset belongs to robot ur5e",
         ),
-        (("fit", "--measured", "MEASURED", "--nominal", "robby", "--out", "m.onnx"), "no robot"),
-        (("fit", "--measured", "MEASURED", "--nominal", "a.urdf", "--out", "m.onnx"), "no robot"),
-        (("fit", "--measured", "FEW", "--out", "m.onnx"), "5 measured poses can't tell"),
-        (("evaluate", "MODEL", "--measured", "MEASURED"), "learned from these 40 examples"),
-        (("evaluate", "ur5e", "--measured", "MEASURED"), "ur5e as described, not as measured"),
-        (("evaluate", "gantry", "--measured", "MEASURED"), "gantry as described, not as measured"),
-        (("evaluate", "MODEL", "--measured", "XARM"), "measured on xarm6, the model is for ur5e"),
+        (
+            ("calibrate", "--measured", "MEASURED", "--nominal", "robby", "--out", "m.onnx"),
+            "no robot",
+        ),
+        (
+            ("calibrate", "--measured", "MEASURED", "--nominal", "a.urdf", "--out", "m.onnx"),
+            "no robot",
+        ),
+        (
+            ("calibrate", "--measured", "FEW", "--out", "m.onnx"),
+            "5 measured poses can't determine",
+        ),
+        (("evaluate", "MODEL", "--measured", "MEASURED"), "calibrated with these 40 poses"),
+        (("evaluate", "ur5e", "--measured", "MEASURED"), "for ur5e as described"),
+        (("evaluate", "gantry", "--measured", "MEASURED"), "for gantry as described"),
+        (("evaluate", "MODEL", "--measured", "XARM"), "belongs to robot xarm6, not to ur5e"),
         (("evaluate", "MODEL", "--measured", "none.npz"), "no such file"),
         (("evaluate", "MODEL", "--summary", "s.json"), "--summary needs --measured"),
     ],
@@ -277,8 +242,8 @@ def test_what_makes_no_sense_is_one_line_and_exit_code_1(
 ) -> None:
     """Found out before anything is fitted, and nothing is written."""
     monkeypatch.chdir(tmp_path)
-    if "FEW" not in arguments:
-        monkeypatch.setattr("annik_training.calibration.calibrate.learn_robot", None)
+    if "FEW" not in arguments and arguments[0] == "calibrate":
+        monkeypatch.setattr("annik_training.calibration.calibrate.find_outliers", None)
     Path("file").write_text("neither a folder nor a dataset", encoding="utf-8")
     files = {"MEASURED": made.measured, "MODEL": made.model, "FEW": "few.npz", "XARM": "xarm.npz"}
     if "FEW" in arguments:
@@ -300,13 +265,13 @@ def test_what_makes_no_sense_is_one_line_and_exit_code_1(
     assert sorted(path.name for path in Path().iterdir()) == before
 
 
-@pytest.mark.parametrize("command", [("fit", "--out", "m.onnx"), ("evaluate", "ur5e")])
+@pytest.mark.parametrize("command", [("calibrate", "--out", "m.onnx"), ("evaluate", "ur5e")])
 def test_a_plan_is_no_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
 ) -> None:
     """Its poses would make a nominal robot one that was measured, and to next to nothing."""
     monkeypatch.chdir(tmp_path)
-    save_dataset(compute_dataset(UR5E, "sobol", 20, 0), Path("plan.npz"))
+    save_dataset(generate_dataset(UR5E, "sobol", 20, 0), Path("plan.npz"))
     result = invoke(*command, "--measured", "plan.npz")
     assert isinstance(result.exception, NotMeasured)
     assert "plan.npz were computed, not measured" in str(result.exception)

@@ -7,10 +7,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from annik_core.robots.library import load_robot
-from annik_training.cli import plots as error_map_module
-from annik_training.cli.plots import error_map
-from annik_training.designs.sampling import compute_random_dataset
-from annik_training.evaluation import Measured, measure
+from annik_training.cli import plots
+from annik_training.designs.sampling import random_dataset
+from annik_training.evaluation import NetworkErrors, network_errors
 
 
 @pytest.fixture
@@ -23,18 +22,21 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
             super().__init__(**arguments)
             drawn.append(self)
 
-    monkeypatch.setattr(error_map_module, "Figure", Kept)
-    monkeypatch.setattr(error_map_module, "_DOTS_PER_INCH", 30)
+    monkeypatch.setattr(plots, "Figure", Kept)
     return drawn
 
 
-def measured(name: str, poses: int, off: float) -> Measured:
+def error_map(errors: NetworkErrors) -> bytes:
+    return plots.error_map(errors, dots_per_inch=30)
+
+
+def measured(name: str, poses: int, off: float) -> NetworkErrors:
     """Answers that are off by so much at one half of the poses."""
     robot = load_robot(name)
-    unseen = compute_random_dataset(robot, robot.joint_box, poses, seed=0)
+    unseen = random_dataset(robot, robot.joint_box, poses, seed=0)
     answers = unseen.joint_positions.copy()
     answers[: poses // 2] += off
-    return measure(lambda _: answers, unseen)
+    return network_errors(lambda _: answers, unseen)
 
 
 def labels(figure: Figure) -> list[str]:
@@ -84,11 +86,11 @@ def test_of_two_poses_most_bins_are_empty(figures: list[Figure]) -> None:
 def test_the_lines_are_the_percentiles_of_the_bins(figures: list[Figure]) -> None:
     """The error is 1 mm below the middle of a joint's box, and 3 mm above it."""
     robot = load_robot("scara")
-    unseen = compute_random_dataset(robot, robot.joint_box, 300, seed=0)
+    unseen = random_dataset(robot, robot.joint_box, 300, seed=0)
     upper = unseen.joint_positions[:, 2] > robot.joint_box.centre[2]
     answers = unseen.joint_positions.copy()
     answers[:, 2] += np.where(upper, -3e-3, 1e-3)
-    error_map(measure(lambda _: answers, unseen))
+    error_map(network_errors(lambda _: answers, unseen))
     median = figures[0].axes[2].get_lines()[0]
     assert median.get_label() == "median"
     positions, errors_mm = median.get_data()

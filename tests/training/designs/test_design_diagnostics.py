@@ -21,7 +21,7 @@ def box(dof: int) -> JointLimits:
 @pytest.mark.parametrize("steps", [1, 2, 3, 6, 15])
 def test_the_papers_design_is_blind_to_what_was_proven(gantry: Robot, steps: int) -> None:
     """Rank 24 of 28, and only products of two different joints are affected."""
-    rows = make_design("thirty_phase", gantry, steps, seed=0)
+    rows = make_design(gantry, "thirty_phase", steps, seed=0)
     diagnostics = diagnose(rows, gantry.joint_box)
     assert (diagnostics.linear.rank, diagnostics.linear.terms) == (7, 7)
     assert (diagnostics.quadratic.rank, diagnostics.quadratic.terms) == (24, 28)
@@ -43,7 +43,7 @@ def test_the_papers_design_is_blind_to_what_was_proven(gantry: Robot, steps: int
     ],
 )
 def test_designs_that_see_every_interaction(gantry: Robot, design: str, size: int) -> None:
-    diagnostics = diagnose(make_design(design, gantry, size, seed=0), gantry.joint_box)
+    diagnostics = diagnose(make_design(gantry, design, size, seed=0), gantry.joint_box)
     assert diagnostics.quadratic.rank == 28
     assert diagnostics.blind_interactions == ()
 

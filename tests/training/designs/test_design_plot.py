@@ -32,7 +32,7 @@ def random_figure(
 
 @pytest.fixture(scope="module")
 def papers_figure(gantry: Robot) -> Figure:
-    return figure_of(make_design("thirty_phase", gantry, 3, seed=0), gantry.joint_box)
+    return figure_of(make_design(gantry, "thirty_phase", 3, seed=0), gantry.joint_box)
 
 
 def scatter_panels(figure: Figure) -> list[Axes]:
@@ -68,7 +68,7 @@ def test_positions_are_drawn_in_degrees(gantry: Robot, papers_figure: Figure) ->
     """All examples are there, once where several coincide."""
     first = scatter_panels(papers_figure)[0]
     drawn = np.asarray(first.collections[0].get_offsets())
-    rows = np.degrees(make_design("thirty_phase", gantry, 3, seed=0))[:, :2]
+    rows = np.degrees(make_design(gantry, "thirty_phase", 3, seed=0))[:, :2]
     assert np.unique(drawn.round(6), axis=0) == pytest.approx(np.unique(rows.round(6), axis=0))
     assert len(drawn) == len(np.unique(rows.round(6), axis=0))
 

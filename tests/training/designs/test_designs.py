@@ -12,27 +12,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from annik_core.errors import InvalidValue
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_training.designs.central_composite_design import central_composite_design
-from annik_training.designs.errors import (
-    DesignError,
-    InvalidDesignSize,
-    UnknownDesign,
-    UnsupportedRobotForDesign,
-)
 from annik_training.designs.quadratic_model import (
     quadratic_rank,
     quadratic_terms,
     vanishing_combinations,
 )
-from annik_training.designs.registry import DESIGNS, make_design
+from annik_training.designs.registry import DESIGNS, Needs, design_names, make_design
 from annik_training.designs.thirty_phase_design import describe_phases, phases, thirty_phase_design
 from annik_training.designs.thirty_phase_plus_design import (
     interaction_phases,
     thirty_phase_plus_design,
 )
+from annik_training.errors import UnsupportedRobot
 
 MIN, MED, MAX = 20, 35, 50
 
@@ -214,13 +210,15 @@ def test_rows_are_those_of_the_documented_rule(dof: int, steps: int) -> None:
 
 
 @pytest.mark.parametrize("steps", [0, -1, 1001])
-def test_a_number_of_steps_out_of_range(steps: int) -> None:
-    with pytest.raises(InvalidDesignSize, match="from 1 to 1000"):
-        thirty_phase_design(box(), steps)
+@pytest.mark.parametrize("name", ["thirty_phase", "thirty_phase_plus"])
+def test_a_number_of_steps_out_of_range(name: str, steps: int) -> None:
+    with pytest.raises(InvalidValue) as caught:
+        make_design(Subject(box()), name, steps, 0)
+    assert (caught.value.value, caught.value.allowed) == (steps, "1 to 1000")
 
 
 def test_the_papers_rows_need_six_joints() -> None:
-    with pytest.raises(UnsupportedRobotForDesign, match="six"):
+    with pytest.raises(UnsupportedRobot):
         thirty_phase_design(box(7), 3, keep_paper_rows=True)
 
 
@@ -228,7 +226,7 @@ def test_the_papers_rows_need_six_joints() -> None:
 def test_workspace_grid_counts_of_table_7(
     gantry: Robot, positions: int, levels: int, count: int
 ) -> None:
-    rows = make_design("workspace_grid", gantry, positions, 0, {"orientation_levels": levels})
+    rows = make_design(gantry, "workspace_grid", positions, 0, {"orientation_levels": levels})
     assert len(np.unique(rows.round(12), axis=0)) == count
     assert gantry.joint_box.contains(rows)
 
@@ -248,18 +246,30 @@ def test_workspace_grid_counts_of_table_7(
     ],
 )
 def test_the_printed_grid_of_table_8(gantry: Robot, number: int, row: list[int]) -> None:
-    rows = make_design("workspace_grid", gantry, 3, 0)
+    rows = make_design(gantry, "workspace_grid", 3, 0)
     assert np.degrees(rows[number - 1]) == pytest.approx(row)
 
 
 def test_unknown_design_lists_the_known(gantry: Robot) -> None:
-    with pytest.raises(UnknownDesign, match="thirty_phase, thirty_phase_plus, workspace_grid"):
-        make_design("intuition", gantry, 3, 0)
+    with pytest.raises(InvalidValue) as caught:
+        make_design(gantry, "intuition", 3, 0)
+    assert caught.value.value == "intuition"
+    assert caught.value.allowed.split(", ") == list(design_names())
 
 
 def test_unknown_option_lists_the_known(gantry: Robot) -> None:
-    with pytest.raises(DesignError, match="keep_paper_rows"):
-        make_design("thirty_phase", gantry, 3, 0, {"colour": "blue"})
+    with pytest.raises(InvalidValue) as caught:
+        make_design(gantry, "thirty_phase", 3, 0, {"colour": "blue"})
+    assert (caught.value.value, caught.value.allowed) == ("colour", "steps, keep_paper_rows")
+
+
+@pytest.mark.parametrize(
+    ("positions", "levels", "wrong"), [(1, 1, 1), (101, 1, 101), (2, 0, 0), (2, 101, 101)]
+)
+def test_a_grid_out_of_range(gantry: Robot, positions: int, levels: int, wrong: int) -> None:
+    with pytest.raises(InvalidValue) as caught:
+        make_design(gantry, "workspace_grid", positions, 0, {"orientation_levels": levels})
+    assert caught.value.value == wrong
 
 
 class TestInteractions:
@@ -335,12 +345,13 @@ def test_the_rows_of_a_central_composite() -> None:
 
 @pytest.mark.parametrize("shells", [0, -1, 101])
 def test_a_number_of_shells_out_of_range(shells: int) -> None:
-    with pytest.raises(InvalidDesignSize, match="from 1 to 100"):
-        central_composite_design(box(), shells)
+    with pytest.raises(InvalidValue) as caught:
+        make_design(Subject(box()), "central_composite", shells, 0)
+    assert (caught.value.value, caught.value.allowed) == (shells, "1 to 100")
 
 
 def test_a_central_composite_of_too_many_joints() -> None:
-    with pytest.raises(UnsupportedRobotForDesign, match="11 joints"):
+    with pytest.raises(UnsupportedRobot):
         central_composite_design(box(11), 1)
 
 
@@ -386,9 +397,9 @@ def test_every_design_of_joint_positions(
     name: str, limits: JointLimits, size: int, seed: int
 ) -> None:
     """Inside the box, the same for the same seed, no row twice, as many as the rule says."""
-    rows = make_design(name, Subject(limits), size, seed)
+    rows = make_design(Subject(limits), name, size, seed)
     assert limits.contains(rows)
-    assert np.array_equal(rows, make_design(name, Subject(limits), size, seed))
+    assert np.array_equal(rows, make_design(Subject(limits), name, size, seed))
     assert len(np.unique(rows, axis=0)) == len(rows)
     free = int((limits.upper > limits.lower).sum())
     assert rows.shape == (expected_count(name, free, size), len(limits.joint_names))
@@ -408,9 +419,9 @@ def test_every_workspace_grid(
     """As for the others; a locked joint divides nothing."""
     robot = gantry_with_box(gantry, [[low, low + width] for low, width in bounds])
     options = {"orientation_levels": levels}
-    rows = make_design("workspace_grid", robot, positions, 0, options)
+    rows = make_design(robot, "workspace_grid", positions, 0, options)
     assert robot.joint_box.contains(rows)
-    assert np.array_equal(rows, make_design("workspace_grid", robot, positions, 1, options))
+    assert np.array_equal(rows, make_design(robot, "workspace_grid", positions, 1, options))
     assert len(np.unique(rows.round(9), axis=0)) == len(rows)
     free = robot.joint_box.upper > robot.joint_box.lower
     assert len(rows) == positions ** free[:3].sum() * (1 + levels * free[3:].sum())
@@ -428,9 +439,9 @@ def gantry_with_box(gantry: Robot, bounds: list[list[float]]) -> Robot:
 
 def test_default_sizes(gantry: Robot) -> None:
     counts = {
-        name: len(make_design(name, gantry, design.default_size, 0))
+        name: len(make_design(gantry, name, design.size.default, 0))
         for name, design in DESIGNS.items()
-        if name != "active" and not design.arms_only  # it takes its time
+        if name != "active" and design.needs is not Needs.ARM  # it takes its time
     }
     assert counts == {
         "thirty_phase": 179,
@@ -446,13 +457,15 @@ def test_default_sizes(gantry: Robot) -> None:
 @pytest.mark.parametrize("name", DESIGNS)
 def test_a_robot_whose_joints_are_all_locked(gantry: Robot, name: str) -> None:
     locked = gantry_with_box(gantry, [[0.5, 0.5]] * 6)
-    with pytest.raises(UnsupportedRobotForDesign, match="all its joints are locked"):
-        make_design(name, locked, DESIGNS[name].default_size, 0)
+    with pytest.raises(UnsupportedRobot) as caught:
+        make_design(locked, name, DESIGNS[name].size.default, 0)
+    assert (caught.value.robot, caught.value.purpose) == ("gantry", f"design {name}")
 
 
 def test_a_workspace_grid_needs_a_robot() -> None:
-    with pytest.raises(UnsupportedRobotForDesign, match="function"):
-        make_design("workspace_grid", Subject(box()), 3, 0)
+    with pytest.raises(UnsupportedRobot) as caught:
+        make_design(Subject(box()), "workspace_grid", 3, 0)
+    assert caught.value.robot == Subject.name
 
 
 @pytest.mark.parametrize("name", ["latin_hypercube", "sobol", "random"])
@@ -461,28 +474,29 @@ class TestSamplingDesigns:
 
     @given(examples=st.integers(1, 300))
     def test_size_and_box(self, gantry: Robot, name: str, examples: int) -> None:
-        rows = make_design(name, gantry, examples, seed=1)
+        rows = make_design(gantry, name, examples, seed=1)
         assert rows.shape == (examples, 6)
         assert gantry.joint_box.contains(rows)
 
     def test_the_seed_decides(self, gantry: Robot, name: str) -> None:
-        first = make_design(name, gantry, 50, seed=1)
-        assert np.array_equal(first, make_design(name, gantry, 50, seed=1))
-        assert not np.array_equal(first, make_design(name, gantry, 50, seed=2))
+        first = make_design(gantry, name, 50, seed=1)
+        assert np.array_equal(first, make_design(gantry, name, 50, seed=1))
+        assert not np.array_equal(first, make_design(gantry, name, 50, seed=2))
 
     @pytest.mark.parametrize("examples", [0, -3, 1_000_001])
     def test_size_out_of_range(self, gantry: Robot, name: str, examples: int) -> None:
-        with pytest.raises(InvalidDesignSize, match=name):
-            make_design(name, gantry, examples, seed=1)
+        with pytest.raises(InvalidValue) as caught:
+            make_design(gantry, name, examples, seed=1)
+        assert caught.value.value == examples
 
 
 def test_a_latin_hypercube_has_one_example_in_every_slice(gantry: Robot) -> None:
     limits = gantry.joint_box
-    rows = make_design("latin_hypercube", gantry, 40, seed=3)
+    rows = make_design(gantry, "latin_hypercube", 40, seed=3)
     slices = np.floor(40 * (rows - limits.lower) / (limits.upper - limits.lower)).astype(int)
     assert all(sorted(column) == list(range(40)) for column in slices.T)
 
 
 def test_a_longer_sobol_design_begins_with_a_shorter(gantry: Robot) -> None:
-    longer = make_design("sobol", gantry, 100, seed=4)
-    assert np.array_equal(longer[:37], make_design("sobol", gantry, 37, seed=4))
+    longer = make_design(gantry, "sobol", 100, seed=4)
+    assert np.array_equal(longer[:37], make_design(gantry, "sobol", 37, seed=4))

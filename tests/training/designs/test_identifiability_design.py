@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from support.arm_corrections import corrected, identity_corrections
 
+from annik_core.errors import InvalidValue
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.calibration.errors import UnsupportedRobot
-from annik_training.calibration.estimation import FittedParameters
-from annik_training.calibration.model import GrayBoxModel, Part
+from annik_training.calibration.estimation import Estimate
+from annik_training.calibration.model import ParametricModel, Part
 from annik_training.calibration.observations import Noise, Observations
-from annik_training.designs.errors import DesignError, UnsupportedRobotForDesign
-from annik_training.designs.identifiability_design import identifiability_design
 from annik_training.designs.registry import make_design
+from annik_training.errors import UnsupportedRobot
 
 UR5E = load_robot("ur5e")
 EXAMPLES = 20
@@ -22,12 +21,12 @@ EXAMPLES = 20
 
 @pytest.fixture(scope="module")
 def design() -> np.ndarray:
-    return make_design("identifiability", UR5E, EXAMPLES, 3)
+    return make_design(UR5E, "identifiability", EXAMPLES, 3)
 
 
 def information(robot: Robot, joint_positions: np.ndarray, seed: int) -> float:
     """Log-determinant of what these joint positions tell of robots that it was not made for."""
-    model = GrayBoxModel(robot, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
+    model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
     parameters = np.random.default_rng(seed).normal(size=model.size)
     count = len(joint_positions)
     nowhere = Observations(
@@ -37,7 +36,7 @@ def information(robot: Robot, joint_positions: np.ndarray, seed: int) -> float:
         has_orientation=True,
         weights=np.ones(count),
     )
-    fitted = FittedParameters(model, parameters, nowhere, Noise(5e-5, 5e-5))
+    fitted = Estimate(model, parameters, nowhere, Noise(5e-5, 5e-5))
     return -float(np.linalg.slogdet(fitted.covariance)[1])
 
 
@@ -48,26 +47,26 @@ def test_is_inside_the_box(design: np.ndarray) -> None:
 
 
 def test_is_the_same_for_the_same_seed(design: np.ndarray) -> None:
-    assert np.array_equal(make_design("identifiability", UR5E, EXAMPLES, 3), design)
-    assert not np.array_equal(make_design("identifiability", UR5E, EXAMPLES, 4), design)
+    assert np.array_equal(make_design(UR5E, "identifiability", EXAMPLES, 3), design)
+    assert not np.array_equal(make_design(UR5E, "identifiability", EXAMPLES, 4), design)
 
 
 def test_a_smaller_one_is_its_beginning(design: np.ndarray) -> None:
     """The best come first, so that a measurement may be cut short."""
-    assert np.array_equal(make_design("identifiability", UR5E, 5, 3), design[:5])
+    assert np.array_equal(make_design(UR5E, "identifiability", 5, 3), design[:5])
 
 
 @pytest.mark.parametrize("other", ["random", "sobol", "latin_hypercube"])
 def test_tells_more_than_others(design: np.ndarray, other: str) -> None:
     for seed in range(3):
-        others = make_design(other, UR5E, EXAMPLES, seed)
+        others = make_design(UR5E, other, EXAMPLES, seed)
         assert information(UR5E, design, 10 + seed) > information(UR5E, others, 10 + seed) + 5.0
 
 
 def test_each_example_adds_the_most(design: np.ndarray) -> None:
     """A plain calculation of the greedy choice gives the same."""
     rng = np.random.default_rng(3)
-    model = GrayBoxModel(UR5E, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
+    model = ParametricModel(UR5E, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
     candidates = UR5E.joint_box.sample(1000, rng)
     columns = model.evaluate(rng.normal(size=model.size), candidates).columns / 5e-5
     precision = np.eye(model.size)
@@ -82,7 +81,7 @@ def test_each_example_adds_the_most(design: np.ndarray) -> None:
 @pytest.mark.parametrize("name", ["iiwa14", "scara"])
 def test_keeps_a_locked_joint_and_a_prismatic_one_in_the_box(name: str) -> None:
     robot = load_robot(name)
-    design = make_design("identifiability", robot, 8, 0)
+    design = make_design(robot, "identifiability", 8, 0)
     assert robot.joint_box.contains(design)
     locked = robot.joint_box.upper == robot.joint_box.lower
     assert (design[:, locked] == robot.joint_box.lower[locked]).all()
@@ -91,16 +90,15 @@ def test_keeps_a_locked_joint_and_a_prismatic_one_in_the_box(name: str) -> None:
 
 @pytest.mark.parametrize("examples", [0, -1, 1001])
 def test_of_too_few_or_too_many_is_refused(examples: int) -> None:
-    with pytest.raises(DesignError):
-        make_design("identifiability", UR5E, examples, 0)
-    with pytest.raises(DesignError, match=f"chooses 1 to 1000 examples, not {examples}"):
-        identifiability_design(UR5E, examples, np.random.default_rng(0))
+    with pytest.raises(InvalidValue) as caught:
+        make_design(UR5E, "identifiability", examples, 0)
+    assert (caught.value.value, caught.value.allowed) == (examples, "1 to 1000")
 
 
 def test_is_for_nominal_arms_only(gantry: Robot) -> None:
-    with pytest.raises(
-        UnsupportedRobotForDesign, match=r"identifiability.*gantry.*it is no arm with a URDF"
-    ):
-        make_design("identifiability", gantry, 8, 0)
-    with pytest.raises(UnsupportedRobot, match="ur5e"):
-        make_design("identifiability", corrected(UR5E, identity_corrections(UR5E)), 8, 0)
+    calibrated = corrected(UR5E, identity_corrections(UR5E))
+    for robot, purpose in ((gantry, "design identifiability"), (calibrated, "calibration")):
+        with pytest.raises(UnsupportedRobot) as caught:
+            make_design(robot, "identifiability", 8, 0)
+        assert caught.value.purpose == purpose
+        assert robot.name in caught.value.robot

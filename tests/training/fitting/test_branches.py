@@ -13,7 +13,7 @@ from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.solver.options import RefinementOptions
 from annik_core.solver.refinement import Refinement
-from annik_training.designs.sampling import compute_dataset, compute_random_dataset
+from annik_training.designs.sampling import generate_dataset, random_dataset
 from annik_training.fitting.branches import branch_signs, single_branch
 from annik_training.fitting.fit import fit
 from annik_training.fitting.options import FitOptions
@@ -30,7 +30,7 @@ def ur5e() -> Robot:
 
 @pytest.fixture(scope="module")
 def dataset(ur5e: Robot) -> Dataset:
-    return compute_random_dataset(ur5e, ur5e.joint_box, 800, seed=0)
+    return random_dataset(ur5e, ur5e.joint_box, 800, seed=0)
 
 
 @pytest.fixture(scope="module")
@@ -98,13 +98,13 @@ def test_the_main_branch_is_that_of_the_most(ur5e: Robot, dataset: Dataset) -> N
 def test_other_arms_lose_nothing(name: str) -> None:
     """Their boxes are on one branch, or, with four joints, have no such sign."""
     robot = load_robot(name)
-    dataset = compute_random_dataset(robot, robot.joint_box, 200, seed=0)
+    dataset = random_dataset(robot, robot.joint_box, 200, seed=0)
     assert (branch_signs(robot, dataset.joint_positions) is None) == (name == "scara")
     assert single_branch(robot, dataset.joint_positions, dataset.poses).all()
 
 
 def test_the_gantry_has_one_branch_and_is_fitted_to_every_example(gantry: Robot) -> None:
-    dataset = compute_dataset(gantry, "thirty_phase", 3, seed=0)
+    dataset = generate_dataset(gantry, "thirty_phase", 3, seed=0)
     assert branch_signs(gantry, dataset.joint_positions) is None
     assert single_branch(gantry, dataset.joint_positions, dataset.poses).all()
     fitted = fit(dataset, FitOptions(hidden_units=(3,), restarts=1, max_evaluations=1))

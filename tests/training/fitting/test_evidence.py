@@ -20,7 +20,7 @@ INPUTS, UNITS, DIRECTIONS, OUTPUTS = 2, 3, 2, 2
 SLOPE_WEIGHT = 0.3
 
 OPTIONS = pytest.mark.parametrize(
-    ("linear_path", "slope_weight"), [(False, 0.0), (True, 0.0), (True, SLOPE_WEIGHT)]
+    ("linear_path", "sobolev_weight"), [(False, 0.0), (True, 0.0), (True, SLOPE_WEIGHT)]
 )
 
 
@@ -32,10 +32,10 @@ class Setting:
     start: np.ndarray
     examples: ScaledExamples
     linear_path: bool
-    slope_weight: float
+    sobolev_weight: float
 
 
-def setting(linear_path: bool = False, slope_weight: float = 0.0, count: int = 14) -> Setting:
+def setting(linear_path: bool = False, sobolev_weight: float = 0.0, count: int = 14) -> Setting:
     rng = np.random.default_rng(3)
     inputs = rng.uniform(-1, 1, (count, INPUTS))
     targets = np.sin(2 * inputs + 1) @ [[1.0, 0.4], [-0.6, 1.0]]
@@ -53,10 +53,10 @@ def setting(linear_path: bool = False, slope_weight: float = 0.0, count: int = 1
         examples,
         0.1,
         linear_path=linear_path,
-        slope_weight=slope_weight,
+        sobolev_weight=sobolev_weight,
         decay_hidden=True,
     )
-    return Setting(problem, start, examples, linear_path, slope_weight)
+    return Setting(problem, start, examples, linear_path, sobolev_weight)
 
 
 def errors_and_jacobian(case: Setting, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -65,12 +65,12 @@ def errors_and_jacobian(case: Setting, hidden: np.ndarray) -> tuple[np.ndarray, 
     The output weights are the problem's own, which its own tests hold to NumPy's.
     """
     x, y = case.examples.inputs.numpy(), case.examples.targets.numpy()
-    scale = np.sqrt(case.slope_weight)
+    scale = np.sqrt(case.sobolev_weight)
     along = scale * case.examples.directions.numpy().reshape(-1, INPUTS)
     z = np.column_stack([x, np.ones(len(x))])
-    if case.slope_weight > 0:
+    if case.sobolev_weight > 0:
         z = np.concatenate([z, np.column_stack([along, np.zeros(len(along))])])
-        y = np.concatenate([y, scale * case.examples.slopes.numpy().reshape(-1, OUTPUTS)])
+        y = np.concatenate([y, scale * case.examples.derivatives.numpy().reshape(-1, OUTPUTS)])
     apart_from_z = null_space((z if case.linear_path else z[:, -1:]).T)
 
     def errors(weights: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ def errors_and_jacobian(case: Setting, hidden: np.ndarray) -> tuple[np.ndarray, 
         first, output = first.reshape(UNITS, INPUTS), output.reshape(OUTPUTS, UNITS)
         activations = np.tanh(x @ first.T + bias)
         answers = activations @ output.T
-        if case.slope_weight > 0:
+        if case.sobolev_weight > 0:
             rates = np.repeat(1.0 - activations**2, DIRECTIONS, axis=0)
             answers = np.concatenate([answers, (rates * (along @ first.T)) @ output.T])
         return (apart_from_z.T @ (answers - y)).reshape(-1)
@@ -105,10 +105,10 @@ def evidence_at(case: Setting, decay: float, hidden: np.ndarray) -> Evidence:
 @OPTIONS
 @pytest.mark.parametrize("count", [14, 4])
 def test_evidence_is_what_the_documentation_says(
-    linear_path: bool, slope_weight: float, count: int
+    linear_path: bool, sobolev_weight: float, count: int
 ) -> None:
     """With H from finite differences, its determinant and its inverse; also with few examples."""
-    case = setting(linear_path, slope_weight, count)
+    case = setting(linear_path, sobolev_weight, count)
     constants = []
     for decay in (0.03, 0.2, 1.0):
         found = evidence_at(case, decay, case.start)
@@ -133,10 +133,10 @@ def test_evidence_is_what_the_documentation_says(
 
 @OPTIONS
 def test_evidence_is_the_likelihood_of_the_examples(
-    linear_path: bool, slope_weight: float
+    linear_path: bool, sobolev_weight: float
 ) -> None:
     """Of the network linearised at the minimum: a Gaussian of the examples, by SciPy's density."""
-    case = setting(linear_path, slope_weight)
+    case = setting(linear_path, sobolev_weight)
     differences = []
     weights = case.start
     for decay in (0.1, 0.2, 0.4):
@@ -217,14 +217,14 @@ def test_evaluations_are_bounded(most: int) -> None:
 
 @OPTIONS
 def test_targets_that_are_all_zero_give_a_network_that_is_zero(
-    linear_path: bool, slope_weight: float
+    linear_path: bool, sobolev_weight: float
 ) -> None:
-    case = setting(linear_path, slope_weight)
+    case = setting(linear_path, sobolev_weight)
     zero = ScaledExamples(
         case.examples.inputs,
         torch.zeros_like(case.examples.targets),
         case.examples.directions,
-        torch.zeros_like(case.examples.slopes),
+        torch.zeros_like(case.examples.derivatives),
     )
     hidden = HiddenLayers(INPUTS, (UNITS,))
     problem = SeparableProblem(
@@ -232,7 +232,7 @@ def test_targets_that_are_all_zero_give_a_network_that_is_zero(
         zero,
         0.1,
         linear_path=linear_path,
-        slope_weight=slope_weight,
+        sobolev_weight=sobolev_weight,
         decay_hidden=True,
     )
     weights, _ = minimise_with_chosen_decay(problem, case.start, 20)

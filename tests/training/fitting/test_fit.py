@@ -12,7 +12,7 @@ from annik_core.dataset import Dataset
 from annik_core.pose import pose_difference
 from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import compute_dataset, compute_random_dataset
+from annik_training.designs.sampling import generate_dataset, random_dataset
 from annik_training.fitting.fit import TooFewExamples, dataset_examples, fit
 from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import InverseKinematicsSystem
@@ -22,7 +22,7 @@ QUICK = FitOptions(restarts=2, max_evaluations=8)
 
 @pytest.fixture(scope="module")
 def dataset(gantry: Robot) -> Dataset:
-    return compute_dataset(gantry, "thirty_phase", 3, seed=0)
+    return generate_dataset(gantry, "thirty_phase", 3, seed=0)
 
 
 def test_same_seed_same_network(dataset: Dataset) -> None:
@@ -36,7 +36,7 @@ def test_same_seed_same_network(dataset: Dataset) -> None:
 
 
 def test_the_winner_is_the_network_that_is_returned(gantry: Robot, dataset: Dataset) -> None:
-    """Its errors are those of the winning start, on the held-out examples and on the others."""
+    """Its errors are those of the winning restart, on the held-out examples and on the others."""
     told = []
     fitted = fit(dataset, replace(QUICK, restarts=4, max_evaluations=4), told.append)
     assert tuple(told) == fitted.restarts
@@ -61,7 +61,7 @@ def test_the_winner_is_the_network_that_is_returned(gantry: Robot, dataset: Data
     assert scaled_error(others) == pytest.approx(winner.training_error, rel=1e-6)
 
 
-def test_held_out_examples_have_no_part_in_a_start(dataset: Dataset) -> None:
+def test_held_out_examples_have_no_part_in_a_restart(dataset: Dataset) -> None:
     """Other held-out examples, the same network bit for bit."""
     options = replace(QUICK, restarts=1)
     fitted = fit(dataset, options)
@@ -89,19 +89,19 @@ def test_without_held_out_examples_the_training_error_chooses(dataset: Dataset) 
 
 def test_it_learns_the_poses_of_the_dataset(gantry: Robot) -> None:
     """Not those of the robot's model: here they were measured, with the base 10 mm off."""
-    computed = compute_random_dataset(gantry, gantry.joint_box, 9, seed=0)
+    computed = random_dataset(gantry, gantry.joint_box, 9, seed=0)
     shift = np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     measured = replace(computed, poses=computed.poses + shift)
     options = FitOptions(restarts=1, held_out_fraction=0.0, linear_path=True)
     network = fit(measured, options).network
-    unseen = compute_random_dataset(gantry, gantry.joint_box, 100, seed=1)
+    unseen = random_dataset(gantry, gantry.joint_box, 100, seed=1)
     answer = network.joint_positions(unseen.poses + shift)
     assert answer == pytest.approx(unseen.joint_positions, abs=1e-9)
 
 
 def test_its_features_are_position_and_roll_pitch_yaw(gantry: Robot) -> None:
     """By SciPy, off the gimbal edge; on it, the example's own."""
-    dataset = compute_dataset(gantry, "thirty_phase", 6, seed=0)
+    dataset = generate_dataset(gantry, "thirty_phase", 6, seed=0)
     examples = dataset_examples(InverseKinematicsSystem(gantry), dataset, FitOptions())
     assert np.array_equal(examples.targets, dataset.joint_positions)
     kinematics = gantry.forward_kinematics
@@ -119,16 +119,16 @@ def test_its_features_are_position_and_roll_pitch_yaw(gantry: Robot) -> None:
     "options",
     [
         FitOptions(restarts=2, max_evaluations=40),
-        FitOptions(restarts=1, max_evaluations=3, linear_path=True, slope_weight=1.0),
+        FitOptions(restarts=1, max_evaluations=3, linear_path=True, sobolev_weight=1.0),
     ],
-    ids=["plain", "linear_path+slopes"],
+    ids=["plain", "linear_path+sobolev"],
 )
 def test_it_learns_the_robot_from_102_examples(
     gantry: Robot, dataset: Dataset, options: FitOptions
 ) -> None:
     """Loosely: a hundredth of a millimetre is usual, a millimetre is a broken fit."""
     network = fit(dataset, options).network
-    unseen = compute_random_dataset(gantry, gantry.joint_box, 500, seed=123)
+    unseen = random_dataset(gantry, gantry.joint_box, 500, seed=123)
     answer = network.joint_positions(unseen.poses)
     position, rotation = pose_difference(unseen.poses, gantry.forward_kinematics.poses(answer))
     assert np.linalg.norm(position, axis=1).max() < 1e-3
@@ -136,7 +136,8 @@ def test_it_learns_the_robot_from_102_examples(
 
 
 def test_too_few_examples(gantry: Robot) -> None:
-    few = compute_random_dataset(gantry, gantry.joint_box, 7, seed=0)
-    with pytest.raises(TooFewExamples, match="7 examples are too few"):
+    few = random_dataset(gantry, gantry.joint_box, 7, seed=0)
+    with pytest.raises(TooFewExamples) as caught:
         fit(few, QUICK)
+    assert (caught.value.examples, caught.value.minimum) == (7, 8)
     assert fit(few, replace(QUICK, held_out_fraction=0.0)).held_out.size == 0

@@ -15,8 +15,10 @@ from annik_training.designs.sampling_designs import random_design, sobol_design
 from annik_training.fitting.fit import (
     Examples,
     TooFewExamples,
+    best_of,
     examples_of,
-    fit_starts,
+    fit_restarts,
+    held_out_rows,
     scaled_examples,
     untrained_network,
 )
@@ -32,10 +34,10 @@ QUICK = FitOptions(hidden_units=(4,), restarts=2, max_evaluations=12)
 OPTIONS: tuple[dict[str, object], ...] = (
     {},
     {"linear_path": True},
-    {"slope_weight": 1.0},
+    {"sobolev_weight": 1.0},
     {"bayesian_regularisation": True},
     {"hidden_units": (3, 4)},
-    {"linear_path": True, "slope_weight": 1.0, "bayesian_regularisation": True},
+    {"linear_path": True, "sobolev_weight": 1.0, "bayesian_regularisation": True},
 )
 WITHOUT_HELD_OUT: dict[str, object] = {"held_out_fraction": 0.0}
 
@@ -114,12 +116,12 @@ def test_slopes_are_those_of_the_finished_network_by_the_joints(linear_path: boo
         held_out_fraction=0.0,
         restarts=1,
         max_evaluations=2,
-        slope_weight=weight,
+        sobolev_weight=weight,
         linear_path=linear_path,
     )
     q = random_design(system.joint_box, 11, np.random.default_rng(0))
     examples = examples_of(system, q, options)
-    network = fit_starts(examples, options).network
+    network = fit_restarts(examples, options)[0].network
 
     half_target = 0.5 * (system.target_box[1] - system.target_box[0])
     half_joint = np.array([2.0, 0.25])
@@ -132,7 +134,7 @@ def test_slopes_are_those_of_the_finished_network_by_the_joints(linear_path: boo
         scaled_examples(network, examples),
         options.ridge,
         linear_path=linear_path,
-        slope_weight=weight,
+        sobolev_weight=weight,
     )
     hidden = np.concatenate([p.detach().numpy().reshape(-1) for p in network.hidden.parameters()])
     assert np.mean(slope_error**2) > 1e-4
@@ -160,20 +162,18 @@ def test_same_seed_same_network(option: dict[str, object]) -> None:
     """Bit for bit on one machine; another seed gives another network."""
     options = replace(QUICK, **option)
     examples = sobol_examples(ElbowArm(), 20, options)
-    first, again = fit_starts(examples, options), fit_starts(examples, options)
-    other = fit_starts(examples, replace(options, seed=1))
-    assert [vars(restart) for restart in first.restarts] == [
-        vars(restart) for restart in again.restarts
-    ]
-    for one, same, different in zip(first.networks, again.networks, other.networks, strict=True):
-        assert same_layers(one, same)
-        assert not same_layers(one, different)
+    first, again = fit_restarts(examples, options), fit_restarts(examples, options)
+    other = fit_restarts(examples, replace(options, seed=1))
+    for one, same, different in zip(first, again, other, strict=True):
+        assert one.to_dict() == same.to_dict()
+        assert same_layers(one.network, same.network)
+        assert not same_layers(one.network, different.network)
 
 
-def test_starts_differ() -> None:
-    fitted = fit_starts(sobol_examples(ElbowArm(), 20, QUICK), QUICK)
-    assert not same_layers(*fitted.networks)
-    assert [restart.number for restart in fitted.restarts] == [0, 1]
+def test_restarts_differ() -> None:
+    first, second = fit_restarts(sobol_examples(ElbowArm(), 20, QUICK), QUICK)
+    assert not same_layers(first.network, second.network)
+    assert (first.number, second.number) == (0, 1)
 
 
 @each_of(*OPTIONS, WITHOUT_HELD_OUT)
@@ -182,15 +182,15 @@ def test_the_errors_are_those_of_the_networks(option: dict[str, object]) -> None
     options = replace(QUICK, **option)
     system = ElbowArm()
     examples = sobol_examples(system, 20, options)
-    fitted = fit_starts(examples, options)
-    lower, upper = system.target_box
-    training = np.setdiff1d(np.arange(20), fitted.held_out)
-    assert len(fitted.held_out) == (0 if "held_out_fraction" in option else 3)
-    for network, restart in zip(fitted.networks, fitted.restarts, strict=True):
-        off = (network.predict(examples.inputs) - examples.targets) / (0.5 * (upper - lower))
+    half_width = 0.5 * (system.target_box[1] - system.target_box[0])
+    held_out, training = held_out_rows(20, options)
+    assert sorted([*held_out, *training]) == list(range(20))
+    assert len(held_out) == (0 if "held_out_fraction" in option else 3)
+    for restart in fit_restarts(examples, options):
+        off = (restart.network.predict(examples.inputs) - examples.targets) / half_width
         assert restart.training_error == pytest.approx(np.mean(off[training] ** 2), rel=1e-6)
-        if len(fitted.held_out):
-            held_out_error = np.mean(off[fitted.held_out] ** 2)
+        if len(held_out):
+            held_out_error = np.mean(off[held_out] ** 2)
             assert restart.held_out_error == pytest.approx(held_out_error, rel=1e-6)
         assert restart.evaluations <= options.max_evaluations
         if not options.bayesian_regularisation:
@@ -200,38 +200,37 @@ def test_the_errors_are_those_of_the_networks(option: dict[str, object]) -> None
 def test_the_winner_has_the_smallest_held_out_error() -> None:
     told = []
     options = replace(QUICK, restarts=5, max_evaluations=4)
-    fitted = fit_starts(sobol_examples(ElbowArm(), 30, options), options, told.append)
-    assert tuple(told) == fitted.restarts
-    errors = [restart.held_out_error for restart in fitted.restarts]
-    assert errors == [restart.choosing_error for restart in fitted.restarts]
-    assert fitted.winner == int(np.argmin(errors))
-    assert fitted.network is fitted.networks[fitted.winner]
+    restarts = fit_restarts(sobol_examples(ElbowArm(), 30, options), options, told.append)
+    assert tuple(told) == restarts
+    errors = [restart.held_out_error for restart in restarts]
+    assert errors == [restart.choosing_error for restart in restarts]
+    assert best_of(restarts) is restarts[int(np.argmin(errors))]
 
 
 def test_without_held_out_examples_all_are_fitted_and_the_training_error_chooses() -> None:
     options = replace(QUICK, restarts=5, max_evaluations=4, held_out_fraction=0.0)
-    fitted = fit_starts(sobol_examples(ElbowArm(), 30, options), options)
-    assert fitted.held_out.tolist() == []
-    assert [restart.held_out_error for restart in fitted.restarts] == [None] * 5
-    errors = [restart.training_error for restart in fitted.restarts]
-    assert fitted.winner == int(np.argmin(errors))
+    restarts = fit_restarts(sobol_examples(ElbowArm(), 30, options), options)
+    assert [restart.held_out_error for restart in restarts] == [None] * 5
+    errors = [restart.training_error for restart in restarts]
+    assert best_of(restarts) is restarts[int(np.argmin(errors))]
 
 
 @each_of(*OPTIONS)
-def test_held_out_examples_have_no_part_in_a_start(option: dict[str, object]) -> None:
-    """Other values and slopes there, the same network bit for bit."""
+def test_held_out_examples_have_no_part_in_a_restart(option: dict[str, object]) -> None:
+    """Other values and derivatives there, the same network bit for bit."""
     options = replace(QUICK, **option, restarts=1)
     examples = sobol_examples(ElbowArm(), 30, options)
-    fitted = fit_starts(examples, options)
+    (fitted,) = fit_restarts(examples, options)
+    held_out, _ = held_out_rows(30, options)
 
     def other(values: np.ndarray | None) -> np.ndarray | None:
         if values is None:
             return None
         changed = values.copy()
-        changed[fitted.held_out] = 10.0 - 3.0 * values[fitted.held_out]
+        changed[held_out] = 10.0 - 3.0 * values[held_out]
         return changed
 
-    again = fit_starts(
+    (again,) = fit_restarts(
         replace(
             examples,
             inputs=other(examples.inputs),
@@ -241,29 +240,29 @@ def test_held_out_examples_have_no_part_in_a_start(option: dict[str, object]) ->
         ),
         options,
     )
-    assert np.array_equal(again.held_out, fitted.held_out)
     assert same_layers(fitted.network, again.network)
-    assert again.restarts[0].training_error == fitted.restarts[0].training_error
-    assert again.restarts[0].held_out_error != fitted.restarts[0].held_out_error
+    assert again.training_error == fitted.training_error
+    assert again.held_out_error != fitted.held_out_error
 
 
 @pytest.mark.parametrize("count", [0, 1, 7])
 def test_too_few_examples_to_hold_some_out(count: int) -> None:
     examples = examples_of(ElbowArm(), np.zeros((count, 3)), QUICK)
-    with pytest.raises(TooFewExamples, match=f"{count} examples are too few"):
-        fit_starts(examples, QUICK)
+    with pytest.raises(TooFewExamples) as caught:
+        fit_restarts(examples, QUICK)
+    assert (caught.value.examples, caught.value.minimum) == (count, 8)
 
 
 def test_some_are_held_out_however_small_the_fraction() -> None:
-    options = replace(QUICK, restarts=1, held_out_fraction=1e-6)
-    assert len(fit_starts(sobol_examples(ElbowArm(), 8, options), options).held_out) == 1
+    held_out, training = held_out_rows(8, replace(QUICK, held_out_fraction=1e-6))
+    assert (len(held_out), len(training)) == (1, 7)
 
 
 def test_threads_are_left_as_they_were() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        fit_starts(sobol_examples(ElbowArm(), 8, QUICK), QUICK)
+        fit_restarts(sobol_examples(ElbowArm(), 8, QUICK), QUICK)
         assert torch.get_num_threads() == 3
     finally:
         torch.set_num_threads(before)
@@ -279,7 +278,7 @@ class TestLinearPath:
         """One more than it has joints; to a millionth of a micrometre."""
         options = replace(self.OPTIONS, bayesian_regularisation=bayesian)
         system = InverseKinematicsSystem(gantry)
-        network = fit_starts(sobol_examples(system, 7, options), options).network
+        network = fit_restarts(sobol_examples(system, 7, options), options)[0].network
         unseen = random_design(system.joint_box, 300, np.random.default_rng(1))
         assert system.errors(unseen, network.predict(system.inputs(unseen))).max() < 1e-9
 
@@ -292,7 +291,7 @@ class TestLinearPath:
         options = replace(self.OPTIONS, bayesian_regularisation=bayesian)
         system = InverseKinematicsSystem(gantry)
         examples = sobol_examples(system, count, options)
-        network = fit_starts(examples, options).network
+        network = fit_restarts(examples, options)[0].network
         assert network.predict(examples.inputs) == pytest.approx(examples.targets, abs=1e-9)
         scaled = scaled_examples(network, examples)
         affine = np.column_stack([scaled.inputs.numpy(), np.ones(count)])
@@ -312,23 +311,24 @@ class TestLinearPath:
             q[:, 3] = system.joint_box.centre[3] + 0.1 * (q[:, 2] - system.joint_box.centre[2])
             return q
 
-        fitted = fit_starts(examples_of(system, in_the_plane(20), self.OPTIONS), self.OPTIONS)
+        examples = examples_of(system, in_the_plane(20), self.OPTIONS)
+        (fitted,) = fit_restarts(examples, self.OPTIONS)
         unseen = in_the_plane(50)
-        answers = fitted.network.predict(system.inputs(unseen))
-        assert system.errors(unseen, answers).max() < 1e-6
+        outputs = fitted.network.predict(system.inputs(unseen))
+        assert system.errors(unseen, outputs).max() < 1e-6
 
     def test_without_it_seven_examples_are_not_enough(self, gantry: Robot) -> None:
         options = replace(self.OPTIONS, linear_path=False)
         system = InverseKinematicsSystem(gantry)
-        network = fit_starts(sobol_examples(system, 7, options), options).network
+        network = fit_restarts(sobol_examples(system, 7, options), options)[0].network
         assert mean_square_error(system, network) > 1e-6
 
 
-class TestSlopes:
+class TestDerivatives:
     @pytest.mark.parametrize(
         ("system", "count", "factor"), [(paper_functions(), 12, 100.0), (ElbowArm(), 20, 4.0)]
     )
-    def test_examples_with_slopes_teach_more(
+    def test_examples_with_derivatives_teach_more(
         self, system: System, count: int, factor: float
     ) -> None:
         """Median of three seeds."""
@@ -339,20 +339,20 @@ class TestSlopes:
                     restarts=1,
                     max_evaluations=12,
                     held_out_fraction=0.0,
-                    slope_weight=weight,
+                    sobolev_weight=weight,
                     seed=seed,
                 )
                 examples = sobol_examples(system, count, options, seed)
-                network = fit_starts(examples, options).network
+                network = fit_restarts(examples, options)[0].network
                 found.append(mean_square_error(system, network))
         assert np.median(errors[1.0]) < np.median(errors[0.0]) / factor
 
     def test_they_are_computed_only_if_they_are_wanted(self) -> None:
         without = sobol_examples(ElbowArm(), 8, QUICK)
         assert without.input_jacobians is without.target_jacobians is None
-        with_slopes = sobol_examples(ElbowArm(), 8, replace(QUICK, slope_weight=1e-3))
-        assert with_slopes.input_jacobians is not None
-        assert with_slopes.joint_half_width == pytest.approx(np.radians([75.0, 30.0, 45.0]))
+        with_derivatives = sobol_examples(ElbowArm(), 8, replace(QUICK, sobolev_weight=1e-3))
+        assert with_derivatives.input_jacobians is not None
+        assert with_derivatives.joint_half_width == pytest.approx(np.radians([75.0, 30.0, 45.0]))
 
 
 class TestBayesianRegularisation:
@@ -367,8 +367,9 @@ class TestBayesianRegularisation:
         exact = sobol_examples(system, 40, options, seed)
         half_width = 0.5 * (system.joint_box.upper - system.joint_box.lower)
         off = np.random.default_rng(seed).normal(size=exact.targets.shape) * half_width
-        fitted = fit_starts(replace(exact, targets=exact.targets + noise * off), options)
-        return mean_square_error(system, fitted.network), fitted.restarts[0].weight_decay
+        noisy = replace(exact, targets=exact.targets + noise * off)
+        (fitted,) = fit_restarts(noisy, options)
+        return mean_square_error(system, fitted.network), fitted.weight_decay
 
     def test_noisy_examples_are_learned_better(self, gantry: Robot) -> None:
         """At a noise of 1 %, with about as many weights as numbers; median of three seeds."""

@@ -11,10 +11,10 @@ import torch
 from annik_core.dataset import Dataset
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import compute_dataset
+from annik_training.designs.sampling import generate_dataset
 from annik_training.fitting import lbfgs as quasi_newton
 from annik_training.fitting.fit import dataset_examples, fit, scaled_examples, untrained_network
-from annik_training.fitting.lbfgs import answers_and_slopes, minimise_all_weights
+from annik_training.fitting.lbfgs import minimise_all_weights, outputs_and_derivatives
 from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import InverseKinematicsSystem
 from annik_training.fitting.variable_projection import ScaledExamples
@@ -28,7 +28,7 @@ OPTIONS = FitOptions(
     held_out_fraction=0.0,
     max_evaluations=12,
     linear_path=True,
-    slope_weight=3.0,
+    sobolev_weight=3.0,
     optimiser="lbfgs",
 )
 
@@ -40,7 +40,7 @@ def ur5e() -> Robot:
 
 @pytest.fixture(scope="module")
 def dataset(ur5e: Robot) -> Dataset:
-    return compute_dataset(ur5e, "sobol", 32, seed=0)
+    return generate_dataset(ur5e, "sobol", 32, seed=0)
 
 
 def prepared(dataset: Dataset, options: FitOptions) -> tuple[ScaledNetwork, ScaledExamples]:
@@ -56,12 +56,12 @@ def prepared(dataset: Dataset, options: FitOptions) -> tuple[ScaledNetwork, Scal
     return network, scaled_examples(network, examples)
 
 
-def square_error(network: ScaledNetwork, examples: ScaledExamples, slope_weight: float) -> float:
+def square_error(network: ScaledNetwork, examples: ScaledExamples, sobolev_weight: float) -> float:
     with torch.no_grad():
-        answers, slopes = answers_and_slopes(network, examples.inputs, examples.directions)
+        answers, slopes = outputs_and_derivatives(network, examples.inputs, examples.directions)
         return float(
             torch.mean((answers - examples.targets) ** 2)
-            + slope_weight * torch.mean((slopes - examples.slopes) ** 2)
+            + sobolev_weight * torch.mean((slopes - examples.derivatives) ** 2)
         )
 
 
@@ -78,7 +78,7 @@ def test_slopes_are_the_derivatives_of_the_answers(
     )
     inputs = torch.rand(4, 5, dtype=torch.float64, generator=generator)
     directions = torch.rand(4, 2, 5, dtype=torch.float64, generator=generator)
-    answers, slopes = answers_and_slopes(network, inputs, directions)
+    answers, slopes = outputs_and_derivatives(network, inputs, directions)
     jacobians = torch.stack(
         [torch.func.jacrev(lambda one: network.scaled(one[None])[0])(row) for row in inputs]
     )
@@ -95,17 +95,17 @@ def test_the_slopes_are_fitted_too(dataset: Dataset) -> None:
         network, examples = prepared(dataset, OPTIONS)
         minimise_all_weights(network, examples, weight, 60)
         with torch.no_grad():
-            _, slopes = answers_and_slopes(network, examples.inputs, examples.directions)
-        off[weight] = float(torch.mean((slopes - examples.slopes) ** 2))
+            _, slopes = outputs_and_derivatives(network, examples.inputs, examples.directions)
+        off[weight] = float(torch.mean((slopes - examples.derivatives) ** 2))
     assert off[10.0] < 0.5 * off[0.0]
 
 
 def test_a_weight_of_zero_needs_no_slopes(dataset: Dataset) -> None:
     """And computes none: with and without them it is the same fit, bit for bit."""
     trained = []
-    for slope_weight in (0.0, 1.0):
-        network, examples = prepared(dataset, replace(OPTIONS, slope_weight=slope_weight))
-        assert (examples.slopes is None) == (slope_weight == 0.0)
+    for sobolev_weight in (0.0, 1.0):
+        network, examples = prepared(dataset, replace(OPTIONS, sobolev_weight=sobolev_weight))
+        assert (examples.derivatives is None) == (sobolev_weight == 0.0)
         minimise_all_weights(network, examples, 0.0, 10)
         trained.append(torch.nn.utils.parameters_to_vector(network.parameters()).detach())
     assert torch.equal(*trained)
@@ -122,9 +122,9 @@ def test_never_more_evaluations_than_allowed_and_never_worse_than_the_start(
 
     def count(*arguments: object) -> object:
         counted.append(1)
-        return answers_and_slopes(*arguments)
+        return outputs_and_derivatives(*arguments)
 
-    monkeypatch.setattr(quasi_newton, "answers_and_slopes", count)
+    monkeypatch.setattr(quasi_newton, "outputs_and_derivatives", count)
     assert minimise_all_weights(network, examples, 3.0, most) == len(counted) <= most
     end = square_error(network, examples, 3.0)
     assert end <= start * (1.0 + 1e-12)
@@ -160,7 +160,7 @@ def test_it_starts_at_the_middle_of_the_box(dataset: Dataset) -> None:
 def test_a_locked_joint_is_answered_exactly() -> None:
     """A box without width gives no slope, and no division by zero."""
     panda = load_robot("panda")
-    fitted = fit(compute_dataset(panda, "sobol", 16, seed=0), OPTIONS)
+    fitted = fit(generate_dataset(panda, "sobol", 16, seed=0), OPTIONS)
     answers = fitted.network.joint_positions(fitted.dataset.poses)
     assert np.isfinite(answers).all()
     assert np.array_equal(answers[:, 2], np.zeros(16))

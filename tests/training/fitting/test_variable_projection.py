@@ -1,8 +1,8 @@
 """The projected problem: exact gradients, linear layers that are the optimum. ROS-free.
 
 What it is compared with is computed here in NumPy: the activations from the layers' weights, their
-slopes by complex steps, everything linear by NumPy's least squares. Numbers of examples, inputs,
-directions, outputs and units all differ, so that nothing transposed fits.
+derivatives by complex steps, everything linear by NumPy's least squares. Numbers of examples,
+inputs, directions, outputs and units all differ, so that nothing transposed fits.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ OPTIONS = pytest.mark.parametrize(
     [
         {},
         {"linear_path": True},
-        {"slope_weight": 0.3},
+        {"sobolev_weight": 0.3},
         {"decay_hidden": True},
-        {"linear_path": True, "slope_weight": 0.3, "decay_hidden": True},
+        {"linear_path": True, "sobolev_weight": 0.3, "decay_hidden": True},
     ],
     ids=lambda options: "+".join(options) or "plain",
 )
@@ -42,7 +42,7 @@ def flat_weights(hidden: HiddenLayers) -> np.ndarray:
 
 
 def some_examples(count: int = EXAMPLES, seed: int = 0) -> ScaledExamples:
-    """Anything at all: the problem does not ask whether the slopes go with the targets."""
+    """Anything at all: the problem does not ask whether the derivatives go with the targets."""
     rng = np.random.default_rng(seed)
 
     def uniform(*shape: int) -> torch.Tensor:
@@ -65,7 +65,7 @@ class Setting:
     weights: np.ndarray
     examples: ScaledExamples
     linear_path: bool
-    slope_weight: float
+    sobolev_weight: float
     decay_hidden: bool
 
 
@@ -74,7 +74,7 @@ def setting(
     examples: ScaledExamples | None = None,
     *,
     linear_path: bool = False,
-    slope_weight: float = 0.0,
+    sobolev_weight: float = 0.0,
     decay_hidden: bool = False,
 ) -> Setting:
     hidden = HiddenLayers(INPUTS, units)
@@ -86,10 +86,10 @@ def setting(
         examples,
         RIDGE,
         linear_path=linear_path,
-        slope_weight=slope_weight,
+        sobolev_weight=sobolev_weight,
         decay_hidden=decay_hidden,
     )
-    return Setting(problem, hidden, weights, examples, linear_path, slope_weight, decay_hidden)
+    return Setting(problem, hidden, weights, examples, linear_path, sobolev_weight, decay_hidden)
 
 
 def activations(hidden: HiddenLayers, weights: np.ndarray, inputs: np.ndarray) -> np.ndarray:
@@ -101,20 +101,20 @@ def activations(hidden: HiddenLayers, weights: np.ndarray, inputs: np.ndarray) -
 
 
 def rows(case: Setting, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """S, Z and Y: a row for the value of each example, and one for each of its slopes."""
+    """S, Z and Y: a row for the value of each example, and one for each of its derivatives."""
     inputs, targets = case.examples.inputs.numpy(), case.examples.targets.numpy()
     s = [activations(case.hidden, weights, inputs)]
     z = [np.column_stack([inputs, np.ones(len(inputs))])]
     y = [targets]
-    if case.slope_weight > 0:
-        scale = np.sqrt(case.slope_weight)
+    if case.sobolev_weight > 0:
+        scale = np.sqrt(case.sobolev_weight)
         for direction in range(DIRECTIONS):
             along = case.examples.directions[:, direction].numpy()
             step = 1e-30
             shifted = activations(case.hidden, weights, inputs + 1j * step * along)
             s.append(scale * shifted.imag / step)
             z.append(scale * np.column_stack([along, np.zeros(len(inputs))]))
-            y.append(scale * case.examples.slopes[:, direction].numpy())
+            y.append(scale * case.examples.derivatives[:, direction].numpy())
     stacked = np.concatenate(z)
     if not case.linear_path:
         stacked = stacked[:, -1:]
@@ -215,15 +215,15 @@ def one_example_nine_times() -> ScaledExamples:
     return some_examples().rows(np.zeros(EXAMPLES, dtype=np.int64))
 
 
-@pytest.mark.parametrize("slope_weight", [0.0, 0.3])
+@pytest.mark.parametrize("sobolev_weight", [0.0, 0.3])
 @pytest.mark.parametrize(
     "examples", [three_examples, examples_of_two_free_inputs, one_example_nine_times]
 )
 def test_of_many_best_linear_paths_it_is_the_least(
-    examples: Callable[[], ScaledExamples], slope_weight: float
+    examples: Callable[[], ScaledExamples], sobolev_weight: float
 ) -> None:
     """Which is what NumPy's solver gives where the examples leave the choice."""
-    case = setting((5,), examples(), linear_path=True, slope_weight=slope_weight)
+    case = setting((5,), examples(), linear_path=True, sobolev_weight=sobolev_weight)
     layers = case.problem.linear_layers(case.weights)
     output, rest = best_linear_layers(case)
     assert layers.output.numpy() == pytest.approx(output.T, abs=1e-12)
@@ -238,7 +238,7 @@ def test_of_many_best_linear_paths_it_is_the_least(
 def test_the_residual_is_that_of_the_network_with_these_layers(
     units: tuple[int, ...], options: dict[str, float]
 ) -> None:
-    """Values, slopes by finite differences of the finished network, ridge, decay: each once."""
+    """Values, derivatives by finite differences of the network, ridge, decay: each once."""
     case = setting(units, **options)
     layers = case.problem.linear_layers(case.weights)
     box = Scaling(-np.ones(INPUTS), np.ones(INPUTS))
@@ -254,15 +254,15 @@ def test_the_residual_is_that_of_the_network_with_these_layers(
 
     inputs = case.examples.inputs.numpy()
     values = network.predict(inputs) - case.examples.targets.numpy()
-    slopes = np.zeros(0)
-    if case.slope_weight > 0:
+    derivatives = np.zeros(0)
+    if case.sobolev_weight > 0:
         step = 1e-5 * case.examples.directions.numpy()
         found = [
             (network.predict(inputs + step[:, d]) - network.predict(inputs - step[:, d])) / 2e-5
             for d in range(DIRECTIONS)
         ]
-        slopes = np.stack(found, axis=1) - case.examples.slopes.numpy()
-    weighted = np.sqrt(case.slope_weight) * slopes.reshape(-1)
+        derivatives = np.stack(found, axis=1) - case.examples.derivatives.numpy()
+    weighted = np.sqrt(case.sobolev_weight) * derivatives.reshape(-1)
     ridge = RIDGE * layers.output.numpy().reshape(-1)
     decay = RIDGE * case.weights if case.decay_hidden else np.zeros(0)
 
@@ -285,24 +285,26 @@ def test_observations_are_those_that_the_linear_path_does_not_take_up(
     assert case.problem.observations == y.size - np.linalg.matrix_rank(z) * OUTPUTS
 
 
-def test_slopes_without_weight_change_nothing() -> None:
+def test_derivatives_without_weight_change_nothing() -> None:
     examples = some_examples()
-    case = setting((5,), examples, slope_weight=0.0)
-    without = setting((5,), replace(examples, directions=None, slopes=None), slope_weight=1.0)
+    case = setting((5,), examples, sobolev_weight=0.0)
+    without = setting(
+        (5,), replace(examples, directions=None, derivatives=None), sobolev_weight=1.0
+    )
     assert np.array_equal(
         case.problem.residual(case.weights), without.problem.residual(case.weights)
     )
 
 
-def test_some_rows_of_the_examples_with_their_slopes() -> None:
+def test_some_rows_of_the_examples_with_their_derivatives() -> None:
     examples = some_examples()
     some = examples.rows(np.array([7, 2]))
-    for name in ("inputs", "targets", "directions", "slopes"):
+    for name in ("inputs", "targets", "directions", "derivatives"):
         whole = getattr(examples, name)
         assert torch.equal(getattr(some, name), torch.stack([whole[7], whole[2]]))
-    plain = replace(examples, directions=None, slopes=None).rows(np.array([1]))
+    plain = replace(examples, directions=None, derivatives=None).rows(np.array([1]))
     assert plain.directions is None
-    assert plain.slopes is None
+    assert plain.derivatives is None
 
 
 @UNITS

@@ -12,7 +12,7 @@ from annik_core.model.graph import nodes_after
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import compute_dataset, compute_random_dataset
+from annik_training.designs.sampling import generate_dataset, random_dataset
 from annik_training.fitting.fit import FittedNetwork, fit
 from annik_training.fitting.options import FitOptions
 from annik_training.networks.network import InverseKinematicsNetwork
@@ -42,10 +42,10 @@ def fitted(
         held_out_fraction=0.0,
         max_evaluations=40,
         linear_path=linear_path,
-        slope_weight=3.0,
+        sobolev_weight=3.0,
         optimiser="lbfgs",
     )
-    return fit(compute_dataset(robot, "sobol", 32, seed=0), options)
+    return fit(generate_dataset(robot, "sobol", 32, seed=0), options)
 
 
 def fused(network: InverseKinematicsNetwork, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -69,7 +69,7 @@ def test_a_fused_arms_network_computes_the_same(
 ) -> None:
     network = fitted(name, joint_box, linear_path).network
     robot = load_robot(name, joint_box=joint_box)
-    poses = with_noise(compute_random_dataset(robot, robot.joint_box, 100, seed=1).poses)
+    poses = with_noise(random_dataset(robot, robot.joint_box, 100, seed=1).poses)
     joint_positions, features = fused(network, poses)
     assert joint_positions == pytest.approx(network.joint_positions(poses), abs=1e-12, rel=0)
     assert features.shape == (100, 13)
@@ -84,7 +84,7 @@ def test_the_fused_gantrys_network_computes_the_same(
     options = FitOptions(
         hidden_units=hidden_units, restarts=1, max_evaluations=3, linear_path=linear_path
     )
-    dataset = compute_dataset(gantry, "thirty_phase", 3, seed=0)
+    dataset = generate_dataset(gantry, "thirty_phase", 3, seed=0)
     network = fit(dataset, options).network
     with torch.no_grad():
         # A linear path fits the gantry exactly and leaves the hidden layers without effect.
@@ -107,7 +107,7 @@ def test_the_exported_graph_ends_in_layers_behind_a_tensor_named_features(
         hidden_units=(4, 3), restarts=1, max_evaluations=2, linear_path=linear_path
     )
     design, size = ("thirty_phase", 3) if name == "gantry" else ("sobol", 32)
-    network = fit(compute_dataset(load_robot(name), design, size, seed=0), options).network
+    network = fit(generate_dataset(load_robot(name), design, size, seed=0), options).network
     graph = network.as_onnx()
     assert [output.name for output in graph.graph.output] == ["joint_positions"]
     operators = [node.op_type for node in nodes_after("features", graph, Path(name))]
@@ -127,6 +127,6 @@ def test_a_small_change_of_the_pose_is_a_small_change_of_the_joints(
     """Rounding of what is constant on this arm must not be taken for a signal."""
     network = fitted(name, joint_box, True).network
     robot = load_robot(name, joint_box=joint_box)
-    poses = compute_random_dataset(robot, robot.joint_box, 100, seed=1).poses
+    poses = random_dataset(robot, robot.joint_box, 100, seed=1).poses
     moved = network.joint_positions(with_noise(poses)) - network.joint_positions(poses)
     assert np.abs(moved).max() < 1e-5

@@ -1,0 +1,53 @@
+"""The design of experiments and the fit that suit each kind of robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from annik_core.robots.robot import Robot
+from annik_training.fitting.options import FitOptions
+
+#: Number of random poses of an evaluation.
+DEFAULT_EVALUATION_POSES = 5000
+
+
+@dataclass(frozen=True)
+class Defaults:
+    """How a kind of robot is trained, unless options say otherwise.
+
+    Attributes:
+        design: name of the design of experiments.
+        size: its size.
+        fit: options of the fit.
+    """
+
+    design: str
+    size: int
+    fit: FitOptions
+
+
+DEFAULTS: Mapping[str, Defaults] = {
+    # The paper's design and network for the paper's robot.
+    "gantry": Defaults("thirty_phase", 6, FitOptions()),
+    # A larger network; derivatives make up for few examples. More evaluations improve the network
+    # on the whole, but not beyond a singularity, where examples are rare.
+    "arm": Defaults(
+        "sobol",
+        512,
+        FitOptions(
+            hidden_units=(64, 64, 64),
+            restarts=1,
+            held_out_fraction=0.0,
+            max_evaluations=400,
+            linear_path=True,
+            sobolev_weight=1.0,
+            optimiser="lbfgs",
+        ),
+    ),
+}
+
+
+def defaults_of(robot: Robot) -> Defaults:
+    """The defaults for a robot's kind."""
+    return DEFAULTS[robot.kind]

@@ -1,0 +1,21 @@
+"""Exceptions that several rooms of the training raise."""
+
+from __future__ import annotations
+
+from annik_core.errors import AnnikError
+
+
+class UnsupportedRobot(AnnikError):
+    """A robot lacks what a design of experiments or a calibration needs.
+
+    Attributes:
+        purpose: what needs it.
+        robot: name of the robot.
+        reason: what the robot lacks.
+    """
+
+    def __init__(self, purpose: str, robot: str, reason: str) -> None:
+        self.purpose = purpose
+        self.robot = robot
+        self.reason = reason
+        super().__init__(f"{purpose} can't be used with {robot}: {reason}")
