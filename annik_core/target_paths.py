@@ -185,10 +185,10 @@ class TargetPath:
         (0.5, 0.5, 0.5), "For line: last orientation, about the fixed x, y, z axes.", unit="rad"
     )
     circle_centre: tuple[float, ...] = setting(
-        (0.35, 0.35, 0.65), "For circle: centre x, y, z.", unit="m"
+        (0.3, 0.35, 0.65), "For circle: centre x, y, z.", unit="m"
     )
     circle_radius: float = setting(
-        0.1,
+        0.08,
         "For circle: radius, in the plane of constant z.",
         unit="m",
         minimum=1e-6,

@@ -45,6 +45,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "safety",
         "model",
         "solver",
+        "reachable_paths",
         "serving",
         "simulation",
         "collection",

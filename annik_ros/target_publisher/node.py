@@ -4,24 +4,35 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import chain, repeat
+from typing import Any
 
-from geometry_msgs.msg import Pose, PoseStamped
+from geometry_msgs.msg import Pose, PoseStamped, Vector3Stamped
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
+from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.run_node import NotInTime, run_node
-from annik_ros.target_publisher.parameters import TargetPublisherParameters
+from annik_ros.target_publisher.parameters import ExpectedResults, TargetPublisherParameters
 from msg_tools.conversions.pose import pose_from_array, pose_stamped_from_array
-from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED
+from msg_tools.topics import (
+    ACCEPTED_TARGET,
+    POSITION_ERROR,
+    TARGET_POSE,
+    TARGET_POSE_STAMPED,
+    Topic,
+)
 
 NODE_NAME = "target_publisher"
 
@@ -33,10 +44,36 @@ POLL_PERIOD = 0.02
 SETTLING_TIME = 1.5
 #: Longest wait for the confirmation of the last targets [s].
 DELIVERY_TIMEOUT = 10.0
+#: Time without a further result, after which no more are expected [s].
+RESULT_TIMEOUT = 5.0
+
+_RESULTS: dict[ExpectedResults, tuple[tuple[Topic, type], ...]] = {
+    ExpectedResults.NONE: (),
+    ExpectedResults.ACCEPTED: ((ACCEPTED_TARGET, PoseStamped),),
+    ExpectedResults.ACHIEVED: ((ACCEPTED_TARGET, PoseStamped), (POSITION_ERROR, Vector3Stamped)),
+}
+
+
+class ResultsMissing(AnnikError):
+    """Not every target had its results.
+
+    Attributes:
+        published: how many targets were published.
+        results: how many results came, by topic.
+    """
+
+    def __init__(self, published: int, results: dict[str, int]) -> None:
+        self.published = published
+        self.results = results
+        counts = ", ".join(f"{count} on {topic}" for topic, count in results.items())
+        super().__init__(
+            f"of {published} targets only these results came: {counts}; ik_node warns of what it "
+            "refuses, and counts it in /diagnostics"
+        )
 
 
 class TargetPublisher(Node):
-    """Waits for subscribers, publishes each target once at an even rate, waits for delivery.
+    """Waits for the other nodes, publishes each target once, waits for delivery and results.
 
     Attributes:
         finished: done when the process may end.
@@ -51,14 +88,22 @@ class TargetPublisher(Node):
         super().__init__(NODE_NAME)
         self.finished = Future()
         self._options = declare_parameters(self, TargetPublisherParameters)
-        path = self._options.path.poses()
+        path = self._options.poses()
         loops = self._options.loops
         self._targets: Iterator[FloatArray] = chain.from_iterable(
             repeat(path) if loops == 0 else repeat(path, loops)
         )
         self._published = 0
-        self._subscribers = 0
+        self._others: tuple[int, ...] = ()
         self._settled_at = 0.0
+        self._results: Counter[Topic] = Counter()
+        self._last_result = 0.0
+        self._result_subscriptions: dict[Topic, Subscription] = {
+            topic: self.create_subscription(
+                message_type, topic.name, partial(self._on_result, topic), reliable(RESULT_DEPTH)
+            )
+            for topic, message_type in _RESULTS[self._options.expected_results]
+        }
         message_type, topic = (
             (PoseStamped, TARGET_POSE_STAMPED) if self._options.stamped else (Pose, TARGET_POSE)
         )
@@ -66,7 +111,7 @@ class TargetPublisher(Node):
             message_type, topic.name, reliable(RESULT_DEPTH)
         )
         self._deadline = time.monotonic() + self._options.wait_timeout
-        self._timer = self._every(POLL_PERIOD, self._wait_for_subscribers)
+        self._timer = self._every(POLL_PERIOD, self._wait_for_others)
         self.get_logger().info(
             f"path {self._options.path.path.value} on {topic.name}: waiting for "
             f"{self._options.wait_for_subscribers} subscriber(s)"
@@ -75,25 +120,36 @@ class TargetPublisher(Node):
     def _every(self, period: float, callback: Callable[[], None]) -> Timer:
         return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _wait_for_subscribers(self) -> None:
+    def _wait_for_others(self) -> None:
         found = self._publisher.get_subscription_count()
         wanted = self._options.wait_for_subscribers
+        publishers = {
+            subscription.topic_name: subscription.get_publisher_count()
+            for subscription in self._result_subscriptions.values()
+        }
+        others = (found, *publishers.values())
         now = time.monotonic()
-        if found != self._subscribers:
-            self._subscribers = found
+        if others != self._others:
+            self._others = others
             self._settled_at = now + SETTLING_TIME
-        if found >= wanted:
-            if wanted == 0 or now >= self._settled_at:
+        # Two publishers of results are two robots, whose results can't be told apart.
+        if found >= wanted and all(count == 1 for count in publishers.values()):
+            if not (wanted or publishers) or now >= self._settled_at:
                 self._begin()
         elif now > self._deadline:
+            counts = [f"{found} of {wanted} subscribers on {self._publisher.topic_name}"]
+            counts += [
+                f"{count} of 1 publishers on {topic}" for topic, count in publishers.items()
+            ]
             raise NotInTime(
-                f"{found} of {wanted} subscribers on {self._publisher.topic_name}",
+                ", ".join(counts),
                 self._options.wait_timeout,
-                "is ik_node running, in the same namespace and ROS_DOMAIN_ID?",
+                "is ik_node running, once, in the same namespace and ROS_DOMAIN_ID?",
             )
 
     def _begin(self) -> None:
         self.destroy_timer(self._timer)
+        self._results.clear()
         self._timer = self._every(1.0 / self._options.rate, self._publish_next)
 
     def _publish_next(self) -> None:
@@ -116,14 +172,30 @@ class TargetPublisher(Node):
         if self._publisher.wait_for_all_acked(Duration(seconds=POLL_PERIOD)):
             self.destroy_timer(self._timer)
             self.get_logger().info(f"published {self._published} targets")
-            if self._options.exit_when_done:
-                self.finished.set_result(None)
+            self._last_result = time.monotonic()
+            self._timer = self._every(POLL_PERIOD, self._wait_for_results)
         elif time.monotonic() > self._deadline:
             raise NotInTime(
                 f"a subscriber on {self._publisher.topic_name} did not confirm the last targets",
                 DELIVERY_TIMEOUT,
                 "is it still running?",
             )
+
+    def _wait_for_results(self) -> None:
+        results = {
+            subscription.topic_name: self._results[topic]
+            for topic, subscription in self._result_subscriptions.items()
+        }
+        if all(count >= self._published for count in results.values()):
+            self.destroy_timer(self._timer)
+            if self._options.exit_when_done:
+                self.finished.set_result(None)
+        elif time.monotonic() > self._last_result + RESULT_TIMEOUT:
+            raise ResultsMissing(self._published, results)
+
+    def _on_result(self, topic: Topic, _: Any) -> None:
+        self._results[topic] += 1
+        self._last_result = time.monotonic()
 
 
 def main(args: list[str] | None = None) -> int:
