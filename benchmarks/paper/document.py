@@ -6,16 +6,15 @@ The template has the words; all numbers are those of the results, and of the pap
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from benchmarks.markdown import markdown_table
+from benchmarks.pages import rendered
 from benchmarks.paper import paper_values as printed
 from benchmarks.paper.efficiency_experiment import ACCURACIES, DESIGNS, TRAINING_TITLES
 
-_TEMPLATE = "paper.md.jinja"
+_TEMPLATE = Path(__file__).with_name("paper.md.jinja")
 #: Method and set of the columns of Table 9, with the title of the column.
 _COLUMNS = {
     (method, name): f"{short} {printed.SET_TITLES[name]}"
@@ -33,19 +32,14 @@ def paper_document(results: Mapping[str, Any], images: str, machine: str) -> str
         images: where the figures are, relative to the page, with the beginning of their names.
         machine: what it ran on, for the line with the time.
     """
-    environment = jinja2.Environment(
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
+    return rendered(
+        _TEMPLATE,
+        {"number": _number},
+        results=results,
+        images=images,
+        machine=machine,
+        table=_tables(results),
     )
-    environment.filters.update(number=_number)
-    template = environment.from_string(
-        resources.files(__package__).joinpath(_TEMPLATE).read_text(encoding="utf-8")
-    )
-    tables = _tables(results)
-    return template.render(results=results, images=images, machine=machine, table=tables)
 
 
 def _tables(results: Mapping[str, Any]) -> dict[str, str]:

@@ -23,9 +23,9 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from annik_core.errors import AnnikError
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from benchmarks.command_line import docs_folder, docs_option, names, numbers, out_option
-from benchmarks.study.errors import StudyError
 
 if TYPE_CHECKING:
     from benchmarks.study.run import StudyOutcome, StudyProgress
@@ -36,6 +36,14 @@ INTERRUPTED = 130
 #: Jobs differ by a factor of a hundred in time: what remains is guessed from many of them [s].
 _SPEED_PERIOD = 600.0
 _SHOWN_FAILURES = 5
+
+
+class EveryJobFailed(AnnikError):
+    """A study has no outcome at all."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        super().__init__(f"all {jobs} jobs failed: see above")
 
 
 @click.command()
@@ -158,7 +166,7 @@ def _report(outcome: StudyOutcome, folder: Path, docs: Path | None) -> None:
         console.print(f"left out: {escape(line)}", soft_wrap=True)
     _print_failures(outcome, console)
     if not outcome.outcomes:
-        raise StudyError(f"all {len(outcome.failures)} jobs failed: see above")
+        raise EveryJobFailed(len(outcome.failures))
     rows = summarise(outcome.outcomes)
     systems = list(dict.fromkeys(row.system for row in rows))
     figures = {

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from annik_core.errors import InvalidValue
 from annik_core.robots.errors import UnknownRobot
 from annik_training.designs.registry import DESIGNS, check_subject, make_design
 from annik_training.errors import UnsupportedRobot
 from annik_training.fitting.problem import System
 from benchmarks.jobs.fit_job import FitJob, one_start
-from benchmarks.study.errors import InvalidStudySetting
 from benchmarks.study.settings import StudySettings
 from benchmarks.study.training_options import TRAINING_OPTIONS
 from benchmarks.systems.library import ANALYTIC_SYSTEMS, load_system
@@ -40,7 +40,7 @@ def study_grid(settings: StudySettings) -> StudyGrid:
     those of a design before it.
 
     Raises:
-        InvalidStudySetting: if there is no such system.
+        InvalidValue: if there is no such system.
         RobotError: if the definition of a robot can't be used.
     """
     chosen: list[tuple[str, str, int]] = []
@@ -113,7 +113,7 @@ def _system(name: str) -> System:
             f"{', '.join(ANALYTIC_SYSTEMS)}, a packaged robot ({', '.join(error.known)}) or the "
             "path of a robot definition (.yaml)"
         )
-        raise InvalidStudySetting("systems", name, allowed) from error
+        raise InvalidValue("systems", name, allowed) from error
 
 
 def _is_sized_in_examples(design: str) -> bool:

@@ -69,7 +69,8 @@ def run_study(
         on_progress: told at the beginning, and after each job.
 
     Raises:
-        StudyError: if the folder can't be used, or the settings make no sense.
+        InvalidValue: if there is no such system.
+        NotWritable, InUse, DamagedRecord: if the results in the folder can't be used.
         RobotError: if a robot can't be used.
         WorkerEnded: if a worker process was killed.
     """

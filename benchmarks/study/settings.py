@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from annik_core.errors import InvalidValue
 from annik_training.designs.registry import DESIGNS, find_design
 from annik_training.fitting.options import FitOptions
-from benchmarks.study.errors import InvalidStudySetting
 from benchmarks.study.training_options import TRAINING_OPTIONS
 
 _EXAMPLES = (2, 10_000)
@@ -27,8 +27,7 @@ class StudySettings:
         max_evaluations: of the residual, per fit.
 
     Raises:
-        InvalidValue: if there is no such design.
-        InvalidStudySetting: naming the setting and what is allowed.
+        InvalidValue: naming the setting and what is allowed.
     """
 
     systems: tuple[str, ...] = ("gantry", "F", "elbow_arm")
@@ -43,12 +42,12 @@ class StudySettings:
         for setting in ("systems", "designs", "training", "examples"):
             values = getattr(self, setting)
             if not values or len(set(values)) < len(values):
-                raise InvalidStudySetting(setting, values, "one or more, each once")
+                raise InvalidValue(setting, values, "one or more, each once")
         for design in self.designs:
             find_design(design)
         for training in self.training:
             if training not in TRAINING_OPTIONS:
-                raise InvalidStudySetting("training", training, _one_of(tuple(TRAINING_OPTIONS)))
+                raise InvalidValue("training", training, _one_of(tuple(TRAINING_OPTIONS)))
         for examples in self.examples:
             _check("examples", examples, _EXAMPLES)
         _check("seeds", self.seeds, _SEEDS)
@@ -69,7 +68,7 @@ class StudySettings:
 
 def _check(setting: str, value: int, allowed: tuple[int, int]) -> None:
     if not allowed[0] <= value <= allowed[1]:
-        raise InvalidStudySetting(setting, value, f"{allowed[0]} to {allowed[1]}")
+        raise InvalidValue(setting, value, f"{allowed[0]} to {allowed[1]}")
 
 
 def _one_of(names: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ TRAINING_OPTIONS: Mapping[str, Mapping[str, Any]] = {
 TRAINING_MEANINGS: Mapping[str, str] = {
     "plain": "the paper's network, fitted to the examples",
     "linear_path": "the inputs reach the outputs directly too; the hidden units add the rest",
-    "sobolev": "the slopes are fitted too, by the Jacobian of the robot's model",
+    "sobolev": "the derivatives are fitted too, by the Jacobian of the robot's model",
     "bayesian": "the weight decay is chosen by the evidence of the examples",
-    "sobolev_bayesian": "the slopes are fitted too, and the weight decay is chosen",
+    "sobolev_bayesian": "the derivatives are fitted too, and the weight decay is chosen",
 }

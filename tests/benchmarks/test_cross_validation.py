@@ -86,8 +86,9 @@ def test_restarts_and_held_out_examples_have_no_part_in_it() -> None:
 
 @pytest.mark.parametrize("folds", [1, 0, 31])
 def test_a_number_of_folds_out_of_range(folds: int) -> None:
-    with pytest.raises(InvalidValue):
+    with pytest.raises(InvalidValue) as raised:
         cross_validate(some_examples(), folds, QUICK)
+    assert (raised.value.name, raised.value.value) == ("folds", folds)
 
 
 def test_too_few_examples_for_the_folds() -> None:

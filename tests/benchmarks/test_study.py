@@ -29,9 +29,6 @@ from annik_training.evaluation import ErrorSummary
 from benchmarks.jobs.fit_job import FitOutcome
 from benchmarks.study import command as study_command
 from benchmarks.study import job as study_job
-from benchmarks.study.errors import (
-    InvalidStudySetting,
-)
 from benchmarks.study.figures import efficiency_figure
 from benchmarks.study.grid import nearest_sizes, study_grid
 from benchmarks.study.job import JobFailure, try_fit_job
@@ -149,11 +146,11 @@ def test_jobs_are_every_combination_that_makes_sense():
     ("settings", "error"),
     [
         ({"designs": ("star",)}, InvalidValue),
-        ({"training": ("adam",)}, InvalidStudySetting),
-        ({"systems": ()}, InvalidStudySetting),
-        ({"examples": (16, 16)}, InvalidStudySetting),
-        ({"examples": (1,)}, InvalidStudySetting),
-        ({"seeds": 0}, InvalidStudySetting),
+        ({"training": ("adam",)}, InvalidValue),
+        ({"systems": ()}, InvalidValue),
+        ({"examples": (16, 16)}, InvalidValue),
+        ({"examples": (1,)}, InvalidValue),
+        ({"seeds": 0}, InvalidValue),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(settings, error):
@@ -162,8 +159,10 @@ def test_settings_that_make_no_sense_are_refused(settings, error):
 
 
 def test_a_system_that_is_not_known_is_refused_with_those_that_are():
-    with pytest.raises(InvalidStudySetting, match="F, elbow_arm") as raised:
+    with pytest.raises(InvalidValue) as raised:
         study_grid(StudySettings(systems=("arm",)))
+    assert (raised.value.name, raised.value.value) == ("systems", "arm")
+    assert "F, elbow_arm" in raised.value.allowed
     assert isinstance(raised.value.__cause__, UnknownRobot)
 
 
@@ -440,7 +439,8 @@ def test_a_study_of_which_every_job_failed_is_a_fault(tmp_path: Path):
     )
     result = study(tmp_path, *options)
     assert result.exit_code == 1
-    assert "all 1 jobs failed" in str(result.exception)
+    assert isinstance(result.exception, study_command.EveryJobFailed)
+    assert result.exception.jobs == 1
 
 
 @pytest.mark.parametrize(
