@@ -22,7 +22,7 @@ SHORT = ("arms", "fit_methods", "solve_time")
 
 
 class _Benchmarks(click.Group):
-    """Loads a benchmark when it is asked for: each needs other libraries."""
+    """Loads a benchmark when it is run: each needs other libraries."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(BENCHMARKS)

@@ -75,7 +75,7 @@ def fit_plain(network: ScaledNetwork, examples: ScaledExamples, max_evaluations:
     inputs, targets = examples.inputs, examples.targets
     layers = torch.nn.Sequential(network.hidden, network.output)
     with torch.no_grad():
-        # The separable fit needs no start for these; zero is where its own would begin.
+        # The separable fit has no start values for these; zero is the neutral choice.
         network.output.weight.zero_()
         network.output.bias.zero_()
     shapes = {name: value.shape for name, value in layers.named_parameters()}
@@ -85,17 +85,17 @@ def fit_plain(network: ScaledNetwork, examples: ScaledExamples, max_evaluations:
         parts = torch.split(torch.from_numpy(weights), sizes)
         return {n: p.reshape(s) for (n, s), p in zip(shapes.items(), parts, strict=True)}
 
-    def answer(weights: dict[str, Tensor], example: Tensor) -> Tensor:
-        answered: Tensor = functional_call(layers, weights, (example,))
-        return answered
+    def output(weights: dict[str, Tensor], example: Tensor) -> Tensor:
+        found: Tensor = functional_call(layers, weights, (example,))
+        return found
 
     def residual(weights: FloatArray) -> FloatArray:
         with torch.no_grad():
-            error: FloatArray = (answer(named(weights), inputs) - targets).reshape(-1).numpy()
+            error: FloatArray = (output(named(weights), inputs) - targets).reshape(-1).numpy()
         return error
 
     def jacobian(weights: FloatArray) -> FloatArray:
-        derivatives = vmap(jacrev(answer), in_dims=(None, 0))(named(weights), inputs)
+        derivatives = vmap(jacrev(output), in_dims=(None, 0))(named(weights), inputs)
         with torch.no_grad():
             flat = torch.cat([derivatives[name].flatten(start_dim=2) for name in shapes], dim=2)
             matrix: FloatArray = flat.reshape(targets.numel(), -1).numpy()

@@ -57,7 +57,7 @@ from benchmarks.perturbed_ur5e import ORIENTATION_NOISE, POSITION_NOISE, Perturb
 FIGURE = "learn_robot.png"
 SEEDS = (31415, 31416, 31417, 31418, 31419)
 HELD_OUT = 1000
-#: Nearer to a face of the working box, a pose may be out of reach of the box [rad].
+#: Nearer to a face of the joint box [rad], the real robot's pose may have no solution in it.
 _MARGIN = np.radians(1.0)
 #: Part of the examples that are made outliers, and by how much, in the one row with outliers.
 _OUTLIERS, _OUTLIER_POSITION, _OUTLIER_ANGLE = 0.05, 5e-3, 0.02
@@ -112,7 +112,7 @@ def learn_robot(quick: bool, out: Path, docs: Path | None, **choices: Any) -> No
         "",
         "By design of experiments and number of examples: mean error [mm], median of these "
         "robots; the same parts of the model for all, geometry and joint networks. Examples in "
-        "parentheses where a design can't have just so many.",
+        "parentheses where a design can't have that number.",
         "",
         markdown_table(("design", *map(str, settings.sizes)), sweep_rows),
     ]
@@ -217,12 +217,12 @@ def _errors(artifact: Model, robot: PerturbedUr5e, targets: FloatArray) -> tuple
     """Errors of the commanded robot, and the part of the poses within the stated bounds."""
     solver = IkSolver(artifact)
     results = [solver.solve(target) for target in targets]
-    answered = [result.joint_positions is not None for result in results]
+    solved = [result.joint_positions is not None for result in results]
     commands = np.array(
         [result.joint_positions for result in results if result.joint_positions is not None]
     )
     reached, turned = robot.pose(commands)
-    wanted = targets[answered]
+    wanted = targets[solved]
     distances = np.linalg.norm(reached - wanted[:, :3], axis=1)
     angles = (Rotation.from_quat(wanted[:, 3:]).inv() * Rotation.from_matrix(turned)).magnitude()
     missing = len(targets) - len(commands)
@@ -267,7 +267,7 @@ def _sweep(settings: _Settings) -> dict[str, list[tuple[int, float]]]:
 
 
 def _size_of(design: str, examples: int) -> int:
-    """The size by which a design comes nearest to so many examples."""
+    """The size with which a design has the number of examples nearest to ``examples``."""
     if DESIGNS[design].size.name == "examples":
         return examples
     counts = {

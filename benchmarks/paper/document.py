@@ -107,7 +107,7 @@ def _path_rows(table: Mapping[str, Any]) -> list[Sequence[str]]:
             *(_number(max(printed.TABLE_9[method][name])) for method, name in _COLUMNS),
         ),
         (
-            "whole path, said in its conclusions",
+            "whole path, claimed in its conclusions",
             *(printed.CONCLUSIONS.get(column, "-") for column in _COLUMNS),
         ),
         ("worst of 9, chosen network", *(_number(found["max9"]) for found in position)),

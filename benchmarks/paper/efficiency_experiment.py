@@ -21,7 +21,7 @@ TRAINING_TITLES: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What is asked for, of the median over the seeds.
+    """An accuracy that the median over the seeds is to reach.
 
     Attributes:
         name: in the results.
@@ -56,7 +56,7 @@ ACCURACIES = (
     Accuracy("mse_2e-4", "F", "mse", 2e-4, "F to a mean square error of 2e-4"),
 )
 
-#: Numbers of examples to try, for each system and way to fit: from too few to more than enough.
+#: Numbers of examples to try by system and way to fit: from too few to more than enough.
 LADDERS: Mapping[tuple[str, str], tuple[int, ...]] = {
     ("gantry", "plain"): (24, 28, 33, 39, 46, 54, 64, 75),
     ("gantry", "linear_path"): (5, 6, 7, 8, 10, 14),
@@ -72,7 +72,7 @@ class Fewest:
     """The smallest design that was found to be enough.
 
     Attributes:
-        accuracy: what was asked for.
+        accuracy: to be reached.
         design: name of the design.
         training: name of the way to fit.
         examples: how many, or None if the longest ladder was too short.
@@ -105,9 +105,9 @@ def efficiency_jobs(
 
 
 def fewest_examples(outcomes: Mapping[FitJob, FitOutcome]) -> list[Fewest]:
-    """For each accuracy, design and way to fit, from how many examples on it is always reached.
+    """For each accuracy, design and way to fit, the least number of examples that reaches it.
 
-    Always: with this number and with every larger one that was tried.
+    It is reached with this number and with every larger one that was tried.
     """
     grouped: dict[tuple[str, str, str], dict[int, list[FitOutcome]]] = {}
     for job, outcome in outcomes.items():

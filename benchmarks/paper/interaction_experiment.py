@@ -15,7 +15,7 @@ from benchmarks.systems.function_system import interaction
 DESIGNS = ("thirty_phase", "thirty_phase_plus")
 TRAININGS = ("plain", "linear_path", "sobolev")
 STEPS = 3
-#: So many times the seeds of the other experiments: fits here are quick, and differ widely.
+#: Seeds for each seed of the other experiments: fits here are quick, and differ widely.
 SEEDS_FACTOR = 4
 
 
@@ -56,8 +56,8 @@ def median_errors(outcomes: Mapping[FitJob, FitOutcome]) -> dict[str, dict[str, 
     }
 
 
-def telling_examples() -> dict[str, int]:
-    """How many examples of each design at j = 3 see the interaction at all, by design."""
+def nonzero_examples() -> dict[str, int]:
+    """Number of examples at j = 3 at which the interaction is not zero, by design."""
     system = interaction()
     return {
         design: int(

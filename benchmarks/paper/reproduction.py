@@ -57,7 +57,7 @@ class PaperSettings:
         return cls(seed=seed, seeds=2, max_evaluations=15, ladders=ladders)
 
     def drawn_seeds(self, times: int = 1) -> list[int]:
-        """The seeds of the repetitions, or so many times more for what is quick and varies."""
+        """The seeds of the repetitions, or ``times`` as many."""
         numbers = np.random.SeedSequence(self.seed).generate_state(times * self.seeds)
         return [int(number) for number in numbers]
 
@@ -89,7 +89,7 @@ def measure(
     Args:
         settings: how thoroughly.
         workers: processes; see :func:`benchmarks.jobs.job_runner.run_jobs`.
-        on_progress: told of the number of finished jobs.
+        on_progress: see :data:`Progress`.
     """
     begin = time.perf_counter()
     jobs = paper_jobs(settings)

@@ -17,7 +17,7 @@ from benchmarks.paper.interaction_experiment import (
     SEEDS_FACTOR,
     exact_ranks,
     median_errors,
-    telling_examples,
+    nonzero_examples,
 )
 from benchmarks.paper.reproduction import Measurements, PaperSettings
 from benchmarks.paper.robot_experiment import RobotSetOutcome
@@ -152,7 +152,7 @@ def _fewest(measured: Measurements) -> dict[str, Any]:
 def _blind(measured: Measurements) -> dict[str, Any]:
     ranks = exact_ranks(RANK_STEPS)
     errors = median_errors(measured.fits)
-    telling = telling_examples()
+    nonzero = nonzero_examples()
     return {
         **{
             design: {
@@ -160,7 +160,7 @@ def _blind(measured: Measurements) -> dict[str, Any]:
                 "rank": min(by_steps.values()),
                 "terms": 28,
                 "rank_by_steps": {str(steps): rank for steps, rank in by_steps.items()},
-                "examples_that_see_the_interaction": telling[design],
+                "examples_that_see_the_interaction": nonzero[design],
                 "interaction_rms": {
                     training: by_design[design] for training, by_design in errors.items()
                 },

@@ -1,6 +1,6 @@
 """``./run study``: options, what it shows in the terminal, and the files that it leaves.
 
-What is slow to load is loaded where it is needed, so that Ctrl-C finds its answer from the start.
+Slow modules are loaded in the functions that use them, so that Ctrl-C is handled from the start.
 """
 
 from __future__ import annotations

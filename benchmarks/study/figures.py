@@ -46,19 +46,19 @@ _FEW_DECADES: Final = 300.0
 _SMALL, _TEXT, _TITLE = 7.0, 8.0, 9.0
 
 
-def efficiency_plot(rows: Sequence[SummaryRow], asked: Sequence[int]) -> bytes:
+def efficiency_plot(rows: Sequence[SummaryRow], wanted: Sequence[int]) -> bytes:
     """What :func:`efficiency_figure` draws, as PNG."""
     buffer = BytesIO()
-    efficiency_figure(rows, asked).savefig(buffer, format="png")
+    efficiency_figure(rows, wanted).savefig(buffer, format="png")
     return buffer.getvalue()
 
 
-def efficiency_figure(rows: Sequence[SummaryRow], asked: Sequence[int]) -> Figure:
+def efficiency_figure(rows: Sequence[SummaryRow], wanted: Sequence[int]) -> Figure:
     """Median rms error and its range over the seeds, against the number of examples.
 
     Args:
         rows: of one system, at least one.
-        asked: the numbers of examples that were asked for, for the axis.
+        wanted: the numbers of examples on the axis.
     """
     trainings = list(dict.fromkeys(row.training for row in rows))
     designs = list(dict.fromkeys(row.design for row in rows))
@@ -80,7 +80,7 @@ def efficiency_figure(rows: Sequence[SummaryRow], asked: Sequence[int]) -> Figur
         panel.tick_params(labelbottom=number + columns >= len(trainings))
     for panel in panels[len(trainings) :]:
         panel.set_axis_off()
-    _set_axes(panels[0], rows, asked, lowest)
+    _set_axes(panels[0], rows, wanted, lowest)
     if has_room:
         panels[-1].legend(loc="center", **_legend(designs))
     else:
@@ -154,13 +154,15 @@ def _style(design: str, designs: Iterable[str]) -> dict[str, Any]:
     }
 
 
-def _set_axes(axes: Axes, rows: Sequence[SummaryRow], asked: Sequence[int], lowest: float) -> None:
-    """Logarithmic axes, which all panels share, with the numbers that were asked for."""
+def _set_axes(
+    axes: Axes, rows: Sequence[SummaryRow], wanted: Sequence[int], lowest: float
+) -> None:
+    """Logarithmic axes, which all panels share, with the wanted numbers of examples."""
     axes.set_xscale("log")
     axes.set_yscale("log")
-    counts = [*asked, *(row.examples for row in rows)]
+    counts = [*wanted, *(row.examples for row in rows)]
     axes.set_xlim(min(counts) / 1.15, max(counts) * 1.15)
-    axes.xaxis.set_major_locator(FixedLocator(sorted(asked)))
+    axes.xaxis.set_major_locator(FixedLocator(sorted(wanted)))
     axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.xaxis.set_minor_locator(NullLocator())
     greatest = max(max(row.rms_error.greatest for row in rows), lowest * 2.0)

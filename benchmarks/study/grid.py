@@ -1,4 +1,4 @@
-"""The jobs of a study: every combination that makes sense, at the sizes that designs can have."""
+"""The jobs of a study: every possible combination, at the sizes that the designs can have."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class StudyGrid:
     Attributes:
         jobs: all of them, one repetition after the other, so that a study which was stopped has
             measured every combination equally often, or nearly.
-        left_out: combinations that make no sense, each as a line.
+        left_out: combinations that are impossible or twice the same, each as a line.
     """
 
     jobs: tuple[FitJob, ...]
@@ -80,15 +80,15 @@ def study_grid(settings: StudySettings) -> StudyGrid:
 
 
 def nearest_sizes(design: str, system: System, examples: Sequence[int]) -> list[int]:
-    """Sizes of a design, ascending, for which it has about as many examples as asked.
+    """Sizes of a design, ascending, for which it has about the wanted numbers of examples.
 
-    Nearest by the ratio, since the axis is logarithmic. Where two of the numbers asked for have
-    the same nearest size, it is there once.
+    Nearest by the ratio, since the axis is logarithmic. Where two of the numbers have the same
+    nearest size, it is there once.
 
     Args:
         design: name of the design.
         system: what the examples are for.
-        examples: how many are asked for.
+        examples: the wanted numbers.
 
     Raises:
         UnsupportedRobot: if the design can't be made for the system.
@@ -99,8 +99,8 @@ def nearest_sizes(design: str, system: System, examples: Sequence[int]) -> list[
     counts = _counts(design, system, max(examples))
     return sorted(
         {
-            min(counts, key=lambda size: (abs(math.log(counts[size] / asked)), size))
-            for asked in examples
+            min(counts, key=lambda size: (abs(math.log(counts[size] / wanted)), size))
+            for wanted in examples
         }
     )
 
@@ -121,7 +121,7 @@ def _is_sized_in_examples(design: str) -> bool:
 
 
 def _counts(design: str, system: System, most: int) -> dict[int, int]:
-    """Examples of every size, up to the first with more than are asked for."""
+    """Examples of every size, up to the first with more than wanted."""
     counts: dict[int, int] = {}
     allowed = DESIGNS[design].size
     for size in range(allowed.minimum, allowed.maximum + 1):

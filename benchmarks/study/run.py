@@ -1,7 +1,7 @@
 """Example efficiency: how the error falls with the number of examples, for every combination.
 
-Independent jobs, each safe on the disk as soon as it is done: a study that was stopped, in
-whatever way, goes on where it was.
+Independent jobs, each safe on the disk as soon as it is done: a study that was stopped in any way
+goes on where it was.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def run_study(
         settings: what to compare.
         folder: where the results are kept.
         workers: processes; see :func:`benchmarks.jobs.job_runner.run_jobs`.
-        on_progress: told at the beginning, and after each job.
+        on_progress: called at the beginning, and after each job.
 
     Raises:
         InvalidValue: if there is no such system.

@@ -38,7 +38,7 @@ class StudySettings:
     max_evaluations: int = FitOptions.max_evaluations
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sense."""
+        """Check every setting."""
         for setting in ("systems", "designs", "training", "examples"):
             values = getattr(self, setting)
             if not values or len(set(values)) < len(values):

@@ -77,7 +77,7 @@ def summarise(outcomes: Mapping[FitJob, FitOutcome]) -> list[SummaryRow]:
 
 
 def best_within(rows: Sequence[SummaryRow], examples: int) -> SummaryRow | None:
-    """The row of least median rms error among those of at most so many examples, if any.
+    """The row with the least median rms error of those with at most ``examples``, if any.
 
     Of errors that are negligible, the one with the fewest examples.
     """

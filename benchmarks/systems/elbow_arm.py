@@ -1,7 +1,7 @@
 """An elbow arm of three joints, in closed form: a small robot that is coupled and not linear.
 
 Base, shoulder and elbow, as in the textbooks: the first joint turns about the vertical, the other
-two are parallel and move the arm in a vertical plane. Only the position of its tip is asked for.
+two are parallel and move the arm in a vertical plane. Targets are positions of its tip.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ class ElbowArm:
         """The identity: network(forward(q)) = q."""
         return np.tile(np.eye(3), (len(joint_positions), 1, 1))
 
-    def errors(self, joint_positions: FloatArray, answers: FloatArray) -> FloatArray:
-        """Distances [mm] between where the answers lead and where the joint positions do."""
-        offset = self.inputs(answers) - self.inputs(joint_positions)
+    def errors(self, joint_positions: FloatArray, predicted: FloatArray) -> FloatArray:
+        """Distances [mm] between the tip at predicted and at true joint positions."""
+        offset = self.inputs(predicted) - self.inputs(joint_positions)
         distances: FloatArray = 1e3 * np.linalg.norm(offset, axis=1)
         return distances
 

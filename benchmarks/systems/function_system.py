@@ -48,9 +48,9 @@ class FunctionSystem:
         """The derivative."""
         return self.derivative(joint_positions)
 
-    def errors(self, joint_positions: FloatArray, answers: FloatArray) -> FloatArray:
+    def errors(self, joint_positions: FloatArray, predicted: FloatArray) -> FloatArray:
         """Root of the mean square error over the outputs, at each example."""
-        squared = (answers - self.function(joint_positions)) ** 2
+        squared = (predicted - self.function(joint_positions)) ** 2
         errors: FloatArray = np.sqrt(np.mean(squared, axis=1))
         return errors
 
@@ -82,7 +82,7 @@ def paper_functions() -> FunctionSystem:
 
     def derivative(q: FloatArray) -> FloatArray:
         # Each function depends on its own joint only.
-        slopes = np.column_stack(
+        derivatives = np.column_stack(
             [
                 np.cos(q[:, 0]),
                 np.sin(q[:, 1]),
@@ -90,7 +90,7 @@ def paper_functions() -> FunctionSystem:
                 np.full((len(q), 3), 1.0 / greatest),
             ]
         )
-        return 10.0 * slopes[:, :, np.newaxis] * np.eye(6)
+        return 10.0 * derivatives[:, :, np.newaxis] * np.eye(6)
 
     return FunctionSystem(
         "F", _joints(6, 0.0, greatest), (np.zeros(6), np.full(6, 10.0)), function, derivative
@@ -104,12 +104,12 @@ def interaction() -> FunctionSystem:
         return ((q[:, 0] - q[:, 1]) * (q[:, 3] - q[:, 5]) / 4.0)[:, np.newaxis]
 
     def derivative(q: FloatArray) -> FloatArray:
-        slopes = np.zeros((len(q), 1, 6))
-        slopes[:, 0, 0] = (q[:, 3] - q[:, 5]) / 4.0
-        slopes[:, 0, 1] = -slopes[:, 0, 0]
-        slopes[:, 0, 3] = (q[:, 0] - q[:, 1]) / 4.0
-        slopes[:, 0, 5] = -slopes[:, 0, 3]
-        return slopes
+        derivatives = np.zeros((len(q), 1, 6))
+        derivatives[:, 0, 0] = (q[:, 3] - q[:, 5]) / 4.0
+        derivatives[:, 0, 1] = -derivatives[:, 0, 0]
+        derivatives[:, 0, 3] = (q[:, 0] - q[:, 1]) / 4.0
+        derivatives[:, 0, 5] = -derivatives[:, 0, 3]
+        return derivatives
 
     return FunctionSystem(
         "interaction", _joints(6, -1.0, 1.0), (-np.ones(1), np.ones(1)), function, derivative
