@@ -1,8 +1,7 @@
-"""``annik doctor``: check an installation, and say what is wrong and what to do about it."""
+"""``annik doctor``: check an installation and print what is wrong, with the remedy."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import sys
@@ -21,9 +20,9 @@ from annik_core.model.artifact import (
     packaged_models,
 )
 
-#: What the nodes can't do without.
+#: Required by the nodes.
 _LIBRARIES = ("numpy", "scipy", "onnx", "onnxruntime", "mcap", "rosbags")
-#: What some of annik needs, and for what.
+#: Required by parts of annik, with the part.
 _OPTIONAL_LIBRARIES = {
     "pin": "arms: pip install 'annik_ros[arms]', or the package ros-jazzy-pinocchio",
     "torch": "training: pip install 'annik_ros[training]'",
@@ -33,7 +32,7 @@ _DISTRIBUTION = "jazzy"
 
 
 class Verdict(Enum):
-    """How a check came out."""
+    """The outcome of a check."""
 
     GOOD = "ok"
     NOTE = "note"
@@ -42,12 +41,12 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """The outcome of one check.
+    """One line of the report.
 
     Attributes:
-        verdict: how it came out.
-        what: what was looked at, and what was found.
-        remedy: what to do about it; empty if nothing need be done.
+        verdict: the outcome.
+        what: what was checked and found.
+        remedy: what to do; empty if nothing.
     """
 
     verdict: Verdict
@@ -80,13 +79,13 @@ def check_libraries() -> Iterator[Finding]:
 
 
 def check_ros() -> Iterator[Finding]:
-    """rclpy, its middleware, the messages, and what the environment tells them."""
+    """rclpy, its middleware, the messages, and the environment variables of ROS 2."""
     try:
         rclpy = import_module("rclpy")
         for package in ("geometry_msgs", "sensor_msgs", "trajectory_msgs", "diagnostic_msgs"):
             import_module(f"{package}.msg")
         middleware = import_module("rclpy.utilities").get_rmw_implementation_identifier()
-    # Not only ImportError: a library of another ROS raises what it likes.
+    # Not only ImportError: a library of another ROS may raise anything.
     except Exception as error:
         yield Finding(
             Verdict.BAD,
@@ -137,7 +136,7 @@ def check_round_trip() -> Iterator[Finding]:
     try:
         from annik_ros.round_trip import TIMEOUT, round_trip
     except ImportError:
-        return  # check_ros has said so
+        return  # check_ros reports it
     try:
         found = round_trip(default_model_path())
     except AnnikError:
@@ -167,10 +166,8 @@ CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
 )
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run all checks, print a line for each finding; 1 if something is wrong."""
-    parser = argparse.ArgumentParser(prog="annik doctor", description=__doc__)
-    parser.parse_args(arguments)
+def main() -> int:
+    """Run all checks and print a line for each finding; returns 1 if something is wrong."""
     wrong = 0
     for check in CHECKS:
         for finding in check():

@@ -1,4 +1,4 @@
-"""Processes started for a while: their output in a file, ended with the group they belong to."""
+"""Child processes with their output in a file; each ends with its whole process group."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _running: list[ChildProcess] = []
 
 
 class ChildProcessFailed(AnnikError):
-    """A process ended with an error, or did not do in time what was waited for."""
+    """A process ended with an error, or did not reach the expected state in time."""
 
     def __init__(self, name: str, problem: str, log: Path) -> None:
         self.name = name
@@ -36,7 +36,7 @@ class ChildProcess:
 
     Args:
         command: program and arguments.
-        log: file for all that it prints.
+        log: file for its output.
         environment: its environment.
     """
 
@@ -56,7 +56,7 @@ class ChildProcess:
 
     @property
     def pid(self) -> int:
-        """The number of the process."""
+        """Process id."""
         return self._process.pid
 
     def __enter__(self) -> ChildProcess:
@@ -69,7 +69,7 @@ class ChildProcess:
         exception: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """End the process and all that it started."""
+        """End the process group."""
         self.end()
 
     def wait_for_text(self, text: str, timeout: float) -> None:
@@ -78,16 +78,16 @@ class ChildProcess:
         Raises:
             ChildProcessFailed: if it ends first, or has not after ``timeout`` seconds.
         """
-        said = wait_until(
+        printed = wait_until(
             lambda: text in self._log.read_text(encoding="utf-8", errors="replace"),
             timeout,
             lambda: self._process.poll() is None,
         )
-        if not said:
-            self._fail(f"did not say {text!r} within {timeout:g} s")
+        if not printed:
+            self._fail(f"did not print {text!r} within {timeout:g} s")
 
     def wait(self, timeout: float) -> None:
-        """Wait for the end of the process.
+        """Wait until the process has ended.
 
         Raises:
             ChildProcessFailed: if its exit code is not 0, or it goes on after ``timeout`` seconds.
@@ -100,7 +100,7 @@ class ChildProcess:
             self._fail("failed")
 
     def interrupt(self, timeout: float) -> None:
-        """Ask the process to end, as Ctrl-C does, and wait until it has.
+        """End the process by SIGINT, as Ctrl-C does, and wait until it has ended.
 
         Raises:
             ChildProcessFailed: see :meth:`wait`.
@@ -115,7 +115,7 @@ class ChildProcess:
         raise ChildProcessFailed(self.name, problem + ended, self._log)
 
     def end(self) -> None:
-        """End the process and all that it started, by force if it does not heed a SIGTERM."""
+        """End the process group: by SIGTERM, then by SIGKILL."""
         for signal_number in (signal.SIGTERM, signal.SIGKILL):
             try:
                 os.killpg(self._process.pid, signal_number)
@@ -130,14 +130,14 @@ class ChildProcess:
 
 
 def end_all() -> None:
-    """End every process that a signal kept from being ended by its own context."""
+    """End every process that is still running, as after a signal."""
     for process in tuple(_running):
         process.end()
 
 
 @contextmanager
 def _signals_deferred() -> Iterator[None]:
-    """Act on SIGINT and SIGTERM at the end: amid a start, the process would be lost."""
+    """Defer SIGINT, SIGTERM and SIGHUP: during a start, the process would be lost."""
     received: list[int] = []
     handlers = {number: signal.getsignal(number) for number in _SIGNALS}
     for number in _SIGNALS:
@@ -157,7 +157,7 @@ def wait_until(
     worth_waiting: Callable[[], bool] = lambda: True,
     period: float = _POLL_PERIOD,
 ) -> bool:
-    """Whether a condition, looked at every ``period`` [s], comes true in ``timeout`` [s]."""
+    """Whether a condition, checked every ``period`` [s], comes true within ``timeout`` [s]."""
     deadline = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > deadline or not worth_waiting():
