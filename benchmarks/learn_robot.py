@@ -150,23 +150,18 @@ def _one_robot(seed: int, models: Path) -> dict[str, str]:
     served = load_model(path)
     row["**102 Sobol examples**"], within = _errors(served, robot, targets)
     row["positions and orientations within the stated 95 % bound [%]"] = within
+    usual, position_only = CalibrationOptions(), CalibrationOptions(position_only=True)
+    few = _measured_dataset(robot, "sobol", 30, seed)
+    identifiability = _measured_dataset(robot, "identifiability", 102, seed)
     for name, dataset, options in (
-        ("50", _measured_dataset(robot, "sobol", 50, seed), {}),
-        ("30", _measured_dataset(robot, "sobol", 30, seed), {}),
-        (
-            "102, identifiability design",
-            _measured_dataset(robot, "identifiability", 102, seed),
-            {},
-        ),
-        ("102, positions only", main_dataset, {"position_only": True}),
-        (
-            "30, positions only",
-            _measured_dataset(robot, "sobol", 30, seed),
-            {"position_only": True},
-        ),
-        ("102, 5 % of them gross outliers", _with_outliers(main_dataset, seed), {}),
+        ("50", _measured_dataset(robot, "sobol", 50, seed), usual),
+        ("30", few, usual),
+        ("102, identifiability design", identifiability, usual),
+        ("102, positions only", main_dataset, position_only),
+        ("30, positions only", few, position_only),
+        ("102, 5 % of them gross outliers", _with_outliers(main_dataset, seed), usual),
     ):
-        changed = calibrate(_NOMINAL, dataset, CalibrationOptions(**options))
+        changed = calibrate(_NOMINAL, dataset, options)
         row[name] = _errors(_served(served, changed), robot, targets)[0]
     networks = (
         ("102, the paper's network alone (6-20-6)", FitOptions(seed=0)),
