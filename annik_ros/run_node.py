@@ -83,6 +83,9 @@ def spin(
 
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
+# An executor that a signal interrupts while it is made has no such attribute; its __del__ asks.
+Executor._sigint_gc = None
+
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import support  # noqa: F401 - sets up the environment that rclpy reads when it is imported
@@ -16,6 +20,47 @@ settings.register_profile(
     "annik", deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 settings.load_profile("annik")
+
+
+INTEGRATION = Path(__file__).parent / "integration"
+#: What a test that is marked with one of these is not: quick.
+NOT_QUICK = ("process", "ros", "colcon", "slow")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the quick tests. They are those that colcon runs, unless it is told otherwise."""
+    for item in items:
+        if INTEGRATION in item.path.parents:
+            item.add_marker("ros")
+            item.add_marker("process")
+        if not any(item.get_closest_marker(name) for name in NOT_QUICK):
+            item.add_marker("quick")
+    # Files that take long come first, so that no worker is left alone with one at the end.
+    long = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: (item.path not in long, INTEGRATION not in item.path.parents))
+    # colcon sets it in the environment of what it starts.
+    if "COLCON" in os.environ and not config.option.markexpr:
+        config.option.markexpr = "quick"
+
+
+@pytest.fixture(autouse=True)
+def _quick_tests_start_no_process(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    started = []
+    start = subprocess.Popen.__init__
+
+    def watched(process: Any, command: Any, *arguments: Any, **options: Any) -> None:
+        # To ask git for something takes no time.
+        if command[0] != "git":
+            started.append(command)
+        start(process, command, *arguments, **options)
+
+    monkeypatch.setattr(subprocess.Popen, "__init__", watched)
+    yield
+    if started and request.node.get_closest_marker("quick"):
+        pytest.fail("it starts a process: mark it with pytest.mark.process")
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import re
 import subprocess
-import sys
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -13,6 +12,7 @@ from pathlib import Path, PurePosixPath
 
 import click
 import pytest
+from support.processes import run_python
 
 from annik_core.robots.library import packaged_robots
 from annik_ros.parameter_tables import PARAMETER_TABLES
@@ -101,14 +101,9 @@ def anchors(page: Path) -> frozenset[str]:
     return frozenset(re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in plain)
 
 
+@pytest.mark.process
 def test_generated_tables_are_up_to_date() -> None:
-    result = subprocess.run(
-        [sys.executable, "-m", "docs.update_docs", "--check"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    result = run_python("-m", "docs.update_docs", "--check")
     assert result.returncode == 0, result.stderr
 
 

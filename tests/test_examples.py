@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.processes import PATIENCE
 
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.process
 def test_use_model_without_ros() -> None:
     """Its answer is that of the paper's equations (3)-(4)."""
     result = subprocess.run(
@@ -19,7 +21,7 @@ def test_use_model_without_ros() -> None:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert result.returncode == 0, result.stderr
     lines = dict(line.split(": ") for line in result.stdout.splitlines())

@@ -10,6 +10,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from support.processes import PATIENCE
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("annik_core", "annik_training", "msg_tools", "annik_ros")
@@ -163,6 +164,7 @@ def test_every_subpackage_is_looked_at() -> None:
             assert ".".join(path.relative_to(ROOT).parts) in rooms
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("package", PACKAGES)
 def test_importing_a_module_loads_nothing_forbidden(package: str) -> None:
     """One process per package; each module is imported into a fresh set of our modules.
@@ -186,7 +188,7 @@ def test_importing_a_module_loads_nothing_forbidden(package: str) -> None:
         "    if os.waitpid(child, 0)[1] != 0: print(module, 'failed', flush=True)\n"
     )
     result = subprocess.run(
-        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=600
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE
     )
     assert result.stdout == "", result.stdout + result.stderr
     assert result.returncode == 0, result.stderr
@@ -241,6 +243,7 @@ def test_a_climbing_import_and_a_circle_are_found(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.process
 def test_serving_the_gantry_loads_no_library_that_it_can_do_without() -> None:
     """A node is ready the sooner; and nothing is loaded late, while a target waits."""
     script = (
@@ -255,6 +258,6 @@ def test_serving_the_gantry_loads_no_library_that_it_can_do_without() -> None:
         "print(sorted(set(sys.modules) - before), {'scipy', 'pinocchio'} & set(sys.modules))\n"
     )
     result = subprocess.run(
-        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE
     )
     assert result.stdout == "[] set()\n", result.stdout + result.stderr

@@ -94,6 +94,7 @@ def test_every_default_is_finite(row: Parameter) -> None:
     assert all(math.isfinite(x) for x in numbers if isinstance(x, float))
 
 
+@pytest.mark.process
 def test_the_tables_need_no_ros() -> None:
     """So that documentation can be generated anywhere."""
     code = "import sys, annik_ros.parameter_tables; sys.exit('rclpy' in sys.modules)"
@@ -219,6 +220,7 @@ def test_other_strings_are_no_numbers(text: str) -> None:
     assert number_meant(text) == text
 
 
+@pytest.mark.process
 def test_a_stale_parameter_file_is_found() -> None:
     code = (
         "import sys; from docs import update_docs; sys.argv = ['update_docs', '--check']; "

@@ -537,6 +537,7 @@ def test_faults_of_the_command_are_typed(model, tmp_path, monkeypatch) -> None:
     assert isinstance(fault("--robot", "gantry"), NotAnArm)
 
 
+@pytest.mark.process
 def test_it_runs_without_torch() -> None:
     """The peers' environment has none."""
     script = (

@@ -42,6 +42,7 @@ def end_at_two(number: int) -> int:
     return number
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("workers", [1, 2])
 def test_each_job_comes_with_its_outcome(workers: int):
     assert dict(run_jobs(square, range(5), workers)) == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16}
@@ -55,11 +56,13 @@ def test_another_backend_can_take_over(backend: str):
     assert outcomes == {number: number**2 for number in range(20)}
 
 
+@pytest.mark.process
 def test_a_worker_that_is_killed_is_said():
     with pytest.raises(WorkerEnded, match="memory"):
         list(run_jobs(end_at_two, range(4), 2))
 
 
+@pytest.mark.process
 def test_workers_end_with_a_program_that_is_killed(tmp_path: Path):
     """What Ctrl-C does is tested with the study."""
     program = tmp_path / "program.py"

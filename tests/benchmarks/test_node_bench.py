@@ -47,6 +47,7 @@ def numbers_of(data: object) -> list[float]:
     return [float(data)] if isinstance(data, (int, float)) else []
 
 
+@pytest.mark.process
 @pytest.mark.slow
 def test_a_quick_run_measures_everything(tmp_path: Path) -> None:
     result = subprocess.run(
@@ -87,6 +88,7 @@ def test_a_quick_run_measures_everything(tmp_path: Path) -> None:
     assert all(found["worst"] > 0.1 for found in data["starts"])
 
 
+@pytest.mark.process
 def test_a_wrong_option_is_refused() -> None:
     result = subprocess.run(
         [sys.executable, "-m", "benchmarks.node", "--rounds", "0"],

@@ -8,19 +8,25 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.processes import LONG_PATIENCE, PATIENCE
 
 from benchmarks.__main__ import BENCHMARKS
 from benchmarks.command_line import ROOT
 
 #: ./run uses what it made itself: elsewhere it would set up for minutes.
-pytestmark = pytest.mark.skipif(
-    not (ROOT / ".venv" / "annik-setup").is_file(), reason="the checkout is not set up"
-)
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.skipif(
+        not (ROOT / ".venv" / "annik-setup").is_file(), reason="the checkout is not set up"
+    ),
+]
 COMMANDS = ("demo", "learn", "test", "train", "paper", "study", "report", "annik", "ros", "bench")
 COMMANDS += ("docs", "soak", "lint", "format", "setup")
 
 
-def run(folder: Path, *arguments: str, seconds: float = 120.0) -> subprocess.CompletedProcess[str]:
+def run(
+    folder: Path, *arguments: str, seconds: float = LONG_PATIENCE
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [ROOT / "run", *arguments],
         cwd=folder,
@@ -35,7 +41,7 @@ def run(folder: Path, *arguments: str, seconds: float = 120.0) -> subprocess.Com
 def changed_files() -> str:
     """Tracked files that differ from the last commit, and how."""
     return subprocess.run(
-        ["git", "diff", "HEAD"], cwd=ROOT, capture_output=True, text=True, timeout=60
+        ["git", "diff", "HEAD"], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE
     ).stdout
 
 
@@ -91,7 +97,7 @@ def test_a_quick_run_writes_to_its_folder_alone(
 ) -> None:
     """The folder is relative to that of the caller."""
     before = changed_files()
-    result = run(tmp_path, *arguments, "--out", "found/here", seconds=600.0)
+    result = run(tmp_path, *arguments, "--out", "found/here")
     assert result.returncode == 0, result.stderr
     for file in files:
         assert (tmp_path / "found" / "here" / file).is_file()
@@ -116,4 +122,4 @@ def test_the_environment_is_set_before_numpy_is_loaded(name: str) -> None:
         f"import sys, benchmarks.{name}.__main__\n"
         "sys.exit(bool({'numpy', 'torch'} & set(sys.modules)))"
     )
-    subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True, timeout=PATIENCE)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from support.processes import PATIENCE, is_group_gone, wait_until
+from support.processes import LONG_PATIENCE, PATIENCE, is_group_gone, wait_until
 
 from annik_core.errors import DamagedRecord, InUse, InvalidValue, NotWritable
 from annik_core.installation import share_directory
@@ -303,7 +303,7 @@ def stopped_twice(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
         process.wait(PATIENCE)
         seen["killed_lines"] = (folder / "results.jsonl").read_bytes().count(b"\n")
 
-        last = subprocess.run(**long_study(folder, 2), capture_output=True, timeout=300)
+        last = subprocess.run(**long_study(folder, 2), capture_output=True, timeout=LONG_PATIENCE)
         assert last.returncode == 0, last.stderr
         seen["last_says"] = last.stderr
         yield seen
@@ -313,6 +313,7 @@ def stopped_twice(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
                 os.killpg(group, signal.SIGKILL)
 
 
+@pytest.mark.process
 @pytest.mark.slow
 def test_ctrl_c_is_one_line_and_an_exit_code(stopped_twice: dict[str, Any]):
     assert stopped_twice["interrupted_code"] == 130
@@ -326,6 +327,7 @@ def test_ctrl_c_is_one_line_and_an_exit_code(stopped_twice: dict[str, Any]):
     assert 2 <= done < LONG_JOBS
 
 
+@pytest.mark.process
 @pytest.mark.slow
 def test_kill_9_loses_nothing_and_nothing_is_run_again(stopped_twice: dict[str, Any]):
     before = stopped_twice["killed_lines"]
@@ -340,7 +342,9 @@ def test_kill_9_loses_nothing_and_nothing_is_run_again(stopped_twice: dict[str, 
 def test_a_stopped_study_finds_what_one_that_was_not_finds(
     stopped_twice: dict[str, Any], tmp_path: Path
 ):
-    subprocess.run(**long_study(tmp_path, 2), capture_output=True, check=True, timeout=300)
+    subprocess.run(
+        **long_study(tmp_path, 2), capture_output=True, check=True, timeout=LONG_PATIENCE
+    )
     assert summary(stopped_twice["folder"]) == summary(tmp_path)
 
 

@@ -138,6 +138,7 @@ def test_a_plan_is_measured_on_a_robot_that_is_not_as_described(
     assert pose_distance(plan.poses, dataset.poses)[0].min() > 1e-4
 
 
+@pytest.mark.slow
 def test_a_collector_that_is_killed_goes_on_and_ends_with_the_same_dataset(
     start_robot: Callable[..., Any], start_collector: Callable[..., Any], tmp_path: Path
 ) -> None:

@@ -23,6 +23,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import Reader
+from support.processes import PATIENCE
 from support.robot_recording import START_NS, RobotRecording, make
 
 from annik_core.errors import NotWritable
@@ -205,6 +206,7 @@ def test_a_closed_bag_takes_no_more(tmp_path: Path) -> None:
         writer.write("/point", point_cdr(0), START_NS, START_NS)
 
 
+@pytest.mark.process
 def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> None:
     program = dedent(
         f"""
@@ -231,7 +233,7 @@ def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> No
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=PATIENCE,
     ).stdout
     assert os.strerror(errno.EFBIG) in output
     bag = read_bag(tmp_path / "bag")

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from support.processes import PATIENCE
 
 import msg_tools
 
@@ -20,6 +21,7 @@ def test_the_names_are_sorted_documented_and_there() -> None:
         _ = msg_tools.nothing
 
 
+@pytest.mark.process
 def test_a_bag_is_read_without_the_message_packages() -> None:
     script = (
         "import sys\n"
@@ -27,7 +29,11 @@ def test_a_bag_is_read_without_the_message_packages() -> None:
         "print({'geometry_msgs', 'rclpy'} & set(sys.modules))\n"
     )
     result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
     )
     assert result.stdout == "set()\n", result.stderr
 

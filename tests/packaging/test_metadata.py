@@ -2,15 +2,14 @@
 
 from importlib import import_module
 from importlib.metadata import distribution
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import yaml
+from support.processes import ROOT
 
 from annik_ros.parameter_tables import PARAMETER_TABLES
 
-ROOT = Path(__file__).parents[2]
 PACKAGE_XML = ElementTree.parse(ROOT / "package.xml").getroot()
 ANNIK = distribution("annik_ros")
 SCRIPTS = [entry for entry in ANNIK.entry_points if entry.group == "console_scripts"]
@@ -40,6 +39,17 @@ def test_package_xml_has_the_elements_that_ros_requires() -> None:
 def test_package_xml_names_no_dependency_twice() -> None:
     names = [element.text for element in PACKAGE_XML if element.tag.endswith("depend")]
     assert len(names) == len(set(names))
+
+
+def test_package_xml_is_as_ros_reads_it() -> None:
+    """By the parser of colcon and rosdep, which tells what is unusual too."""
+    parser = pytest.importorskip("catkin_pkg.package")
+    warnings: list[str] = []
+    package = parser.parse_package(ROOT / "package.xml", warnings=warnings)
+    package.validate(warnings=warnings)
+    assert warnings == []
+    assert {url.type for url in package.urls} == {"repository", "bugtracker"}
+    assert package.maintainers
 
 
 def test_there_is_a_script_for_every_node_and_for_the_command_line() -> None:

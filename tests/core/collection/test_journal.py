@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.collection_plans import small_plan
+from support.processes import PATIENCE
 
 from annik_core.collection.errors import JournalMismatch
 from annik_core.collection.journal import (
@@ -175,6 +176,7 @@ def test_a_file_that_is_no_journal_is_refused(plan, tmp_path) -> None:
     assert json.loads(path.read_text()) == {"mine": 1}
 
 
+@pytest.mark.process
 def test_a_journal_is_open_once_and_its_lock_goes_with_the_process(plan, tmp_path) -> None:
     path = tmp_path / "journal.jsonl"
     with CollectionJournal(path, plan, SAMPLES), pytest.raises(InUse) as caught:
@@ -187,7 +189,7 @@ def test_a_journal_is_open_once_and_its_lock_goes_with_the_process(plan, tmp_pat
         f"log = AppendLog(Path({str(path)!r}))\n"
         "print('open', flush=True); os.kill(os.getpid(), 9)"
     )
-    killed = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60)
+    killed = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=PATIENCE)
     assert killed.stdout == b"open\n"
     CollectionJournal(path, plan, SAMPLES).close()
 

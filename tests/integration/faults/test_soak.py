@@ -11,6 +11,7 @@ import soak
 from support.processes import LONG_PATIENCE, run_python
 
 
+@pytest.mark.slow
 def test_a_short_soak_finds_nothing() -> None:
     """As a command: a line for each fault, a summary, exit code 0."""
     script = Path(soak.__file__)

@@ -1,0 +1,88 @@
+"""Every library that is imported is a dependency in package.xml and in setup.py."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from importlib.metadata import requires
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from support.processes import ROOT
+from support.source_tree import IMPORT_PACKAGES
+
+#: The keys by which rosdep knows them; a package of ROS is its own key.
+ROSDEP_KEYS = {
+    "click": "python3-click",
+    "jinja2": "python3-jinja2",
+    "matplotlib": "python3-matplotlib",
+    "mcap": "mcap-ros2-support",
+    "mpl_toolkits": "python3-matplotlib",
+    "numpy": "python3-numpy",
+    "onnxruntime": "python3-onnxruntime-pip",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "yaml": "python3-yaml",
+    "zstandard": "mcap-ros2-support",
+}
+#: Without a key, or for training only: package.xml says to get them by pip.
+BY_PIP = {"joblib", "onnx", "onnxscript", "sympy", "torch"}
+#: Their names at PyPI, where those differ.
+DISTRIBUTIONS = {"mpl_toolkits": "matplotlib", "pinocchio": "pin", "yaml": "pyyaml"}
+#: Installed with a ROS 2, or by the extra ``ros``; no wheel has the launch system.
+ROS = re.compile(r"(.*_(msgs|srvs|interfaces)|rclpy|launch|launch_ros)$")
+
+
+def imported() -> dict[str, Path]:
+    """The libraries that the installed code imports, each with a file that does."""
+    return {
+        name: path
+        for package in (*IMPORT_PACKAGES, "launch")
+        for path in (ROOT / package).rglob("*.py")
+        for name in imported_by(path)
+    }
+
+
+def imported_by(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names = [str(node.module)]
+        for name in names:
+            library = name.split(".")[0]
+            if library not in sys.stdlib_module_names and library not in IMPORT_PACKAGES:
+                yield library
+
+
+IMPORTED = imported()
+
+
+@pytest.mark.parametrize("library", sorted(IMPORTED))
+def test_package_xml_has_it(library: str) -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    keys = {element.text for element in package.findall("exec_depend")}
+    if library in BY_PIP:
+        assert library not in ROSDEP_KEYS
+    else:
+        assert ROSDEP_KEYS.get(library, library) in keys, IMPORTED[library]
+
+
+@pytest.mark.parametrize("library", sorted(IMPORTED))
+def test_setup_py_has_it(library: str) -> None:
+    names = {re.split(r"[^\w-]", entry)[0].lower() for entry in requires("annik_ros") or ()}
+    if not ROS.match(library):
+        assert DISTRIBUTIONS.get(library, library) in names, IMPORTED[library]
+
+
+def test_package_xml_depends_on_nothing_that_is_not_used() -> None:
+    """Besides what starts the launch files."""
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    keys = {element.text for element in package.findall("exec_depend")}
+    used = {ROSDEP_KEYS.get(library, library) for library in IMPORTED}
+    assert keys - used == {"ros2launch"}

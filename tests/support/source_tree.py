@@ -1,0 +1,19 @@
+"""A copy of this checkout, as a user who has just cloned it has one."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from support.processes import ROOT
+
+IMPORT_PACKAGES = ("annik_core", "annik_training", "annik_ros", "msg_tools")
+SHARED_FOLDERS = ("config", "launch", "models", "robots")
+
+
+def copy_of_the_tree(destination: Path) -> Path:
+    """Copy the checkout without what git ignores; returns the destination."""
+    ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    patterns = [line.rstrip("/") for line in ignored if line and not line.startswith("#")]
+    shutil.copytree(ROOT, destination, ignore=shutil.ignore_patterns(".git", *patterns))
+    return destination
