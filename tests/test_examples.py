@@ -1,28 +1,16 @@
-"""Each example runs as it stands. ROS-free; the one with ROS is in tests/ros."""
+"""Each example runs as it stands. ROS-free; the one with ROS is in tests/integration."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-from support.processes import PATIENCE
-
-ROOT = Path(__file__).parents[1]
+from support.processes import run_python
 
 
 @pytest.mark.process
 def test_use_model_without_ros() -> None:
     """Its answer is that of the paper's equations (3)-(4)."""
-    result = subprocess.run(
-        [sys.executable, "examples/use_model_without_ros.py"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
+    result = run_python("examples/use_model_without_ros.py")
     assert result.returncode == 0, result.stderr
     lines = dict(line.split(": ") for line in result.stdout.splitlines())
     degrees = [np.degrees(float(value.removesuffix(" rad"))) for value in lines.values()]

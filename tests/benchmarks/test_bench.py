@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
@@ -12,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.processes import PATIENCE
+from support.processes import run_python
 
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
@@ -544,4 +542,5 @@ def test_it_runs_without_torch() -> None:
         "import sys, benchmarks.ik.command\n"
         "sys.exit(bool({'torch', 'onnxscript'} & set(sys.modules)))"
     )
-    subprocess.run([sys.executable, "-c", script], check=True, timeout=PATIENCE)
+    result = run_python("-c", script)
+    assert result.returncode == 0, result.stderr

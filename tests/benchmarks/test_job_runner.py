@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import joblib
 import pytest
-from support.processes import PATIENCE, is_group_gone, wait_until
+from support.processes import ROOT, Process, is_group_gone, wait_until
 
 from benchmarks.jobs.job_runner import WorkerEnded, run_jobs
-
-ROOT = Path(__file__).resolve().parents[2]
 
 #: Runs jobs that take long and say which process they are in.
 PROGRAM = """
@@ -67,17 +64,19 @@ def test_workers_end_with_a_program_that_is_killed(tmp_path: Path):
     """What Ctrl-C does is tested with the study."""
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
-    process = subprocess.Popen(
-        [sys.executable, program],
-        start_new_session=True,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    process = Process(
+        *(sys.executable, str(program)),
+        log=tmp_path / "program.log",
+        environment={"PYTHONPATH": str(ROOT)},
     )
     try:
-        wait_until(lambda: len(list(tmp_path.glob("worker_*"))) >= 2, "both workers")
-        process.kill()
-        process.wait(PATIENCE)
+        wait_until(
+            lambda: not process.is_running or len(list(tmp_path.glob("worker_*"))) >= 2,
+            "both workers",
+        )
+        assert process.is_running, process.log
+        process.signal(signal.SIGKILL)
+        process.wait_for_exit()
         wait_until(lambda: is_group_gone(process.pid), "the end of the workers")
     finally:
-        if not is_group_gone(process.pid):
-            os.killpg(process.pid, signal.SIGKILL)
+        process.kill()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Pose
 from rclpy.serialization import deserialize_message
-from support.processes import LONG_PATIENCE, PATIENCE
+from support.processes import LONG_PATIENCE, ROOT, run_python
 
 from annik_core.robots.library import load_robot
 from benchmarks.conditions import Conditions
@@ -35,8 +33,6 @@ from benchmarks.node.target_stream import Stream, _published
 from benchmarks.node.targets import pose_to_bytes, random_poses
 from msg_tools.conversions.pose import pose_to_array
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 def numbers_of(data: object) -> list[float]:
     """All numbers of plain data."""
@@ -50,20 +46,11 @@ def numbers_of(data: object) -> list[float]:
 @pytest.mark.process
 @pytest.mark.slow
 def test_a_quick_run_measures_everything(tmp_path: Path) -> None:
-    result = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "benchmarks.node",
-            "--quick",
-            "--out",
-            ".",
-        ],
+    result = run_python(
+        *("-m", "benchmarks.node", "--quick", "--out", "."),
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=LONG_PATIENCE,
+        environment={"PYTHONPATH": str(ROOT)},
+        patience=LONG_PATIENCE,
     )
     assert result.returncode == 0, result.stderr
     page = (tmp_path / "node_bench.md").read_text(encoding="utf-8")
@@ -90,13 +77,7 @@ def test_a_quick_run_measures_everything(tmp_path: Path) -> None:
 
 @pytest.mark.process
 def test_a_wrong_option_is_refused() -> None:
-    result = subprocess.run(
-        [sys.executable, "-m", "benchmarks.node", "--rounds", "0"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
+    result = run_python("-m", "benchmarks.node", "--rounds", 0)
     assert result.returncode == 2
     assert "--rounds" in result.stderr
 

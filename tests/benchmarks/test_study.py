@@ -9,7 +9,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from support.processes import LONG_PATIENCE, PATIENCE, is_group_gone, wait_until
+from support.processes import LONG_PATIENCE, Process, is_group_gone, run_python, wait_until
 
 from annik_core.errors import DamagedRecord, InUse, InvalidValue, NotWritable
 from annik_core.installation import share_directory
@@ -243,40 +242,32 @@ def test_results_of_other_settings_are_kept_and_not_used(copied: Path):
 # --- what happens to studies ------------------------------------------------------------------
 
 
-def long_study(folder: Path, workers: int) -> dict[str, Any]:
-    """What starts a study of some seconds as a program."""
-    arguments = ("--out", str(folder), *LONG_OPTIONS, "--workers", str(workers))
-    return {
-        "args": [sys.executable, "-m", "benchmarks.study", *arguments],
-        "cwd": ROOT,
-        # Sums are rounded otherwise where threads share them; worker processes have one each.
-        "env": {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-        "text": True,
-    }
+#: Sums are rounded otherwise where threads share them; worker processes have one each.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
-def start(folder: Path, workers: int) -> subprocess.Popen[str]:
+def long_study(folder: Path, workers: int) -> tuple[str, ...]:
+    """The arguments of a study of some seconds."""
+    out = ("--out", str(folder), "--workers", str(workers))
+    return ("-m", "benchmarks.study", *LONG_OPTIONS, *out)
+
+
+def start(folder: Path, workers: int) -> Process:
     """A real study in a process group of its own, which is well under way.
 
     A worker that is still loading its modules says so if a signal ends it: each must be at work.
     """
-    process = subprocess.Popen(
-        **long_study(folder, workers),
-        stdout=subprocess.DEVNULL,
-        stderr=(folder / "stderr").open("w"),
-        start_new_session=True,
-        # A background shell that runs the tests has it ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    finished_lines = (folder / "results.jsonl").read_bytes().count(b"\n")
+    results = folder / "results.jsonl"
+    finished = results.read_bytes().count(b"\n")
+    command = (sys.executable, *long_study(folder, workers))
+    process = Process(*command, log=folder / "log", environment=ONE_THREAD)
     wait_until(
         lambda: (
-            (folder / "results.jsonl").read_bytes().count(b"\n") >= finished_lines + 4 * workers
-            or process.poll() is not None
+            results.read_bytes().count(b"\n") >= finished + 4 * workers or not process.is_running
         ),
         "some finished jobs of each worker",
     )
-    assert process.poll() is None, (folder / "stderr").read_text()
+    assert process.is_running, process.log
     return process
 
 
@@ -286,31 +277,29 @@ def stopped_twice(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
     folder = tmp_path_factory.mktemp("stopped")
     (folder / "results.jsonl").touch()
     seen: dict[str, Any] = {"folder": folder}
-    groups = []
+    processes = []
     try:
-        process = start(folder, workers=2)
-        groups.append(process.pid)
-        os.killpg(process.pid, signal.SIGINT)
-        seen["interrupted_code"] = process.wait(PATIENCE)
-        seen["interrupted_says"] = (folder / "stderr").read_text()
+        processes.append(start(folder, workers=2))
+        processes[0].signal_group(signal.SIGINT)
+        seen["interrupted_code"] = processes[0].wait_for_exit()
+        seen["interrupted_says"] = processes[0].log
         seen["interrupted_lines"] = len(lines(folder))
-        wait_until(lambda: is_group_gone(groups[0]), "the end of the workers")
+        wait_until(lambda: is_group_gone(processes[0].pid), "the end of the workers")
 
         # In one process, to save loading everything in three.
-        process = start(folder, workers=1)
-        groups.append(process.pid)
-        process.kill()
-        process.wait(PATIENCE)
+        processes.append(start(folder, workers=1))
+        processes[1].signal(signal.SIGKILL)
+        processes[1].wait_for_exit()
         seen["killed_lines"] = (folder / "results.jsonl").read_bytes().count(b"\n")
 
-        last = subprocess.run(**long_study(folder, 2), capture_output=True, timeout=LONG_PATIENCE)
+        command = long_study(folder, 2)
+        last = run_python(*command, environment=ONE_THREAD, patience=LONG_PATIENCE)
         assert last.returncode == 0, last.stderr
         seen["last_says"] = last.stderr
         yield seen
     finally:
-        for group in groups:
-            if not is_group_gone(group):
-                os.killpg(group, signal.SIGKILL)
+        for process in processes:
+            process.kill()
 
 
 @pytest.mark.process
@@ -342,9 +331,9 @@ def test_kill_9_loses_nothing_and_nothing_is_run_again(stopped_twice: dict[str, 
 def test_a_stopped_study_finds_what_one_that_was_not_finds(
     stopped_twice: dict[str, Any], tmp_path: Path
 ):
-    subprocess.run(
-        **long_study(tmp_path, 2), capture_output=True, check=True, timeout=LONG_PATIENCE
-    )
+    command = long_study(tmp_path, 2)
+    last = run_python(*command, environment=ONE_THREAD, patience=LONG_PATIENCE)
+    assert last.returncode == 0, last.stderr
     assert summary(stopped_twice["folder"]) == summary(tmp_path)
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import inspect
-import subprocess
-import sys
 
 import pytest
-from support.processes import PATIENCE
+from support.processes import run_python
 
 import msg_tools
 
@@ -28,13 +26,7 @@ def test_a_bag_is_read_without_the_message_packages() -> None:
         "from msg_tools import Bag, read_bag, tracking_report\n"
         "print({'geometry_msgs', 'rclpy'} & set(sys.modules))\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
+    result = run_python("-c", script)
     assert result.stdout == "set()\n", result.stderr
 
 

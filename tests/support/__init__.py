@@ -2,6 +2,10 @@
 
 import os
 
+# Read when numpy and torch are imported. Beside other workers and nodes, several threads only wait
+# for each other.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 # Read when rclpy and the message packages are imported, here and in the processes started.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
