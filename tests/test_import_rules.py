@@ -82,6 +82,8 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "ik_node",
         "target_publisher",
         "parameter_tables",
+        "launch_arguments",
+        "launch_actions",
         "round_trip",
         "doctor",
     ),

@@ -1,0 +1,183 @@
+"""Actions of the launch files. launch is imported when used, since it is not everywhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from annik_core.errors import AnnikError
+from annik_core.installation import share_directory
+from annik_ros.launch_arguments import (
+    ARGUMENTS,
+    check_names,
+    checked_arguments,
+    node_parameters,
+)
+
+if TYPE_CHECKING:
+    from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+    from launch.events.process import ProcessExited
+
+Actions = list["LaunchDescriptionEntity"]
+
+
+class NodeEnded(AnnikError):
+    """A node ended that the others need.
+
+    Attributes:
+        node: its name.
+        exit_code: of its process; negative: the signal that killed it.
+    """
+
+    def __init__(self, node: str, exit_code: int) -> None:
+        self.node = node
+        self.exit_code = exit_code
+        super().__init__(f"{node} ended with exit code {exit_code}")
+
+
+class Launch:
+    """The checked arguments of a launch file, and the nodes that it starts with them.
+
+    Attributes:
+        values: the values of the arguments; see :data:`ARGUMENTS`.
+    """
+
+    def __init__(self, context: LaunchContext, names: Sequence[str]) -> None:
+        """Check the arguments.
+
+        Raises:
+            AnnikError: if one is not allowed.
+        """
+        configurations = context.launch_configurations
+        self.values = checked_arguments({name: configurations[name] for name in names})
+        namespace: str = self.values["namespace"]
+        if not namespace.startswith("/"):
+            namespace = f"{configurations.get('ros_namespace', '')}/{namespace}"
+        self._namespace = [part for part in namespace.split("/") if part]
+
+    def file_parameters(self, *nodes: str) -> dict[str, Any]:
+        """What the parameter file has for any of these nodes.
+
+        Raises:
+            AnnikError: if there is a file, but it has nothing for them.
+        """
+        file = self.values["params_file"]
+        names = ["/" + "/".join([*self._namespace, node]) for node in nodes]
+        return node_parameters(file, names) if file else {}
+
+    def node(
+        self,
+        name: str,
+        parameters: Mapping[str, object] | None = None,
+        on_exit: Callable[[ProcessExited, LaunchContext], Actions | None] | None = None,
+    ) -> LaunchDescriptionEntity:
+        """A node of annik, with its file in ``config/``, the parameter file and these parameters.
+
+        Args:
+            name: of the node and of its executable.
+            parameters: those that are None are not given.
+            on_exit: what to do when it ends; by default everything ends with it.
+        """
+        from launch_ros.actions import Node
+        from launch_ros.parameter_descriptions import ParameterValue
+
+        given = {"use_sim_time": self.values.get("use_sim_time"), **(parameters or {})}
+        files = [str(share_directory() / "config" / f"{name}.yaml")]
+        if self.values.get("params_file"):
+            files.append(self.values["params_file"])
+        level = self.values.get("log_level")
+        return Node(
+            package="annik_ros",
+            executable=name,
+            name=name,
+            namespace=self.values["namespace"],
+            # As text whatever it looks like: launch would take a name such as 1.5 for a number.
+            parameters=[
+                *files,
+                {
+                    key: ParameterValue(value, value_type=str) if isinstance(value, str) else value
+                    for key, value in given.items()
+                    if value is not None
+                },
+            ],
+            remappings=self.values.get("remappings", []),
+            ros_arguments=["--log-level", level] if level else [],
+            output="screen",
+            on_exit=on_exit or ends_the_launch(name),
+        )
+
+
+def launch_description(
+    file: str, names: Sequence[str], make: Callable[[Launch], Actions]
+) -> LaunchDescription:
+    """A launch file whose arguments are checked before anything starts.
+
+    Args:
+        file: its path.
+        names: its arguments.
+        make: makes its actions; may raise an :class:`AnnikError`.
+    """
+    from launch import LaunchDescription
+    from launch.actions import DeclareLaunchArgument, OpaqueFunction
+
+    def actions(context: LaunchContext) -> Actions:
+        try:
+            # In a launch file that includes this one, names may be alike.
+            if any(Path(word).name == Path(file).name for word in sys.argv):
+                check_names(context.argv, names)
+            return make(Launch(context, names))
+        except AnnikError as error:
+            return failure(error)
+
+    return LaunchDescription(
+        [
+            *(
+                DeclareLaunchArgument(
+                    name,
+                    default_value=ARGUMENTS[name].default,
+                    description=ARGUMENTS[name].meaning,
+                )
+                for name in names
+            ),
+            OpaqueFunction(function=actions),
+        ]
+    )
+
+
+def failure(error: AnnikError) -> Actions:
+    """Actions that end the launch with exit code 1 and the error.
+
+    Raised at once, it would leave behind the processes of launch files that were included before.
+    """
+    from launch.actions import OpaqueFunction, TimerAction
+
+    def fail(_: LaunchContext) -> NoReturn:
+        raise error
+
+    return [TimerAction(period=0.0, actions=[OpaqueFunction(function=fail)])]
+
+
+def ends_the_launch(
+    node: str, *, may_end: bool = True
+) -> Callable[[ProcessExited, LaunchContext], Actions | None]:
+    """What to do when a node ends: end everything, with exit code 1 unless its own is 0.
+
+    Args:
+        node: its name.
+        may_end: whether it may end with exit code 0.
+    """
+
+    def on_exit(event: ProcessExited, context: LaunchContext) -> Actions | None:
+        from launch.actions import Shutdown
+
+        # Whoever ends the launch ends its processes too, and their exit codes mean nothing then.
+        if context.is_shutdown:
+            return None
+        if event.returncode == 0 and may_end:
+            return [Shutdown(reason=f"{node} has ended")]
+        # What is raised ends the launch with exit code 1; a Shutdown would give it 0.
+        raise NodeEnded(node, event.returncode)
+
+    return on_exit

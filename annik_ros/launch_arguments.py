@@ -1,0 +1,178 @@
+"""The arguments of the launch files, checked before anything starts. Needs no ROS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from annik_core.errors import InvalidValue
+from annik_core.installation import share_directory
+from annik_core.target_paths import PathKind, TargetPath
+from annik_ros.parameters import parameter_table
+from annik_ros.target_publisher.parameters import TargetPublisherParameters
+
+LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
+
+_NAMESPACE = r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?"
+_REMAPPING = r"([^\s:=]+(?:://[^\s:=]+)?):=([^\s:=]+)"
+_SETTINGS = {row.name: row.setting for row in parameter_table(TargetPublisherParameters)}
+
+
+class Argument(NamedTuple):
+    """An argument of a launch file.
+
+    Attributes:
+        default: as text; empty: not given.
+        meaning: one line.
+        check: the value for the name and the text; raises :class:`InvalidValue`.
+    """
+
+    default: str
+    meaning: str
+    check: Callable[[str, str], Any]
+
+
+def checked_arguments(values: Mapping[str, str]) -> dict[str, Any]:
+    """The values of arguments for their texts.
+
+    Raises:
+        AnnikError: naming the first that is not allowed.
+    """
+    checked = {name: ARGUMENTS[name].check(name, text) for name, text in values.items()}
+    if checked.get("path") is PathKind.CSV:
+        TargetPath(path=PathKind.CSV, csv_file=checked["csv_file"]).poses()
+    return checked
+
+
+def check_names(given: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse an argument ``NAME:=VALUE`` whose name is nearly a known one; launch ignores it.
+
+    Raises:
+        InvalidValue: naming both.
+    """
+    for name in (text.partition(":=")[0] for text in given if ":=" in text):
+        near = get_close_matches(name, known, n=1, cutoff=0.7)
+        if name not in known and near:
+            raise InvalidValue("argument", name, f"{near[0]}, or one of {', '.join(known)}")
+
+
+def node_parameters(file: str, nodes: Sequence[str]) -> dict[str, Any]:
+    """What a parameter file has for any of some nodes, given by their full names.
+
+    Raises:
+        InvalidValue: if the file can't be read, or has nothing for these nodes: then they would
+            run without what is meant for them.
+    """
+    try:
+        content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        problem = " ".join(str(error).split())
+        raise InvalidValue("params_file", file, f"a file of parameters ({problem})") from error
+    entries = list(_entries(content))
+    found = [
+        parameters
+        for pattern, parameters in entries
+        if any(re.fullmatch(_as_expression(pattern), node) for node in nodes)
+    ]
+    if not found:
+        names = ", ".join(pattern for pattern, _ in entries) or "no ros__parameters"
+        allowed = f"a file with parameters of {' or '.join(nodes)}, such as /**; it has {names}"
+        raise InvalidValue("params_file", file, allowed)
+    return {name: value for parameters in found for name, value in parameters.items()}
+
+
+def _entries(content: Any, prefix: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """The names of nodes in a parameter file, with wildcards, and their parameters."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if key == "ros__parameters" and isinstance(value, dict):
+            yield prefix or "/**", value
+        else:
+            yield from _entries(value, f"{prefix}/{str(key).strip('/')}")
+
+
+def _as_expression(pattern: str) -> str:
+    parts = {"**": r"(/\w+)*", "*": r"/\w+"}
+    return "".join(parts.get(part, f"/{re.escape(part)}") for part in pattern.split("/")[1:])
+
+
+def _model(name: str, text: str) -> str:
+    packaged = sorted(path.stem for path in (share_directory() / "models").glob("*.onnx"))
+    if text and text not in packaged and not Path(text).expanduser().is_file():
+        allowed = f"the path of a model file, or one of {', '.join(packaged)}"
+        raise InvalidValue(name, text, allowed)
+    return text
+
+
+def _setting(name: str, text: str) -> Any:
+    setting = _SETTINGS[name]
+    value: object = text
+    if isinstance(setting.default, (int, float)):
+        for number in (int, float):
+            try:
+                value = number(text)
+                break
+            except ValueError:
+                pass
+    return setting.checked(value)
+
+
+def _new_folder(name: str, text: str) -> str:
+    folder = Path(text).expanduser()
+    if text and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InvalidValue(name, text, "a folder that is new or empty")
+    return text
+
+
+def _namespace(name: str, text: str) -> str:
+    if not re.fullmatch(_NAMESPACE, text, re.ASCII):
+        raise InvalidValue(name, text, "letters, digits, _ and /, such as left or /robots/left")
+    return text
+
+
+def _truth(name: str, text: str) -> bool | None:
+    values = {"": None, "true": True, "false": False}
+    if text.lower() not in values:
+        raise InvalidValue(name, text, "true or false")
+    return values[text.lower()]
+
+
+def _log_level(name: str, text: str) -> str:
+    if text.lower() not in ("", *LOG_LEVELS):
+        raise InvalidValue(name, text, f"one of {', '.join(LOG_LEVELS)}")
+    return text.lower()
+
+
+def _remappings(name: str, text: str) -> list[tuple[str, str]]:
+    pairs = [re.fullmatch(_REMAPPING, part) for part in text.split()]
+    if None in pairs:
+        raise InvalidValue(name, text, "FROM:=TO, several separated by spaces")
+    return [(pair[1], pair[2]) for pair in pairs if pair]
+
+
+def _any_text(_: str, text: str) -> str:
+    return text
+
+
+ARGUMENTS: Mapping[str, Argument] = {
+    "model": Argument("", "model file, or name of a packaged model", _model),
+    "namespace": Argument("", "namespace of all nodes and topics", _namespace),
+    "params_file": Argument("", "file of parameters; arguments take precedence", _any_text),
+    "remappings": Argument("", "remapped names: FROM:=TO, separated by spaces", _remappings),
+    "use_sim_time": Argument("", "true: the clock is /clock", _truth),
+    "autostart": Argument("", "false: wait for lifecycle transitions", _truth),
+    "log_level": Argument("", f"of the nodes: {', '.join(LOG_LEVELS)}", _log_level),
+    "path": Argument(
+        "diagonal",
+        f"path to follow: {', '.join(kind.value for kind in PathKind)}; see target_publisher",
+        _setting,
+    ),
+    "csv_file": Argument("", "file of targets, for path:=csv", _any_text),
+    "rate": Argument("50.0", "targets a second", _setting),
+    "loops": Argument("1", "times to follow the path; 0: without end", _setting),
+    "bag": Argument("", "folder of a bag to record; empty: none", _new_folder),
+}
