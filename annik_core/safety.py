@@ -306,7 +306,9 @@ class Candidate:
         """How far the real robot may be from the model [m], [rad]; NaN if unknown."""
         if self._expected_errors is None:
             bound = self.robot.error_bound
-            self._expected_errors = UNKNOWN if bound is None else bound.at(self.joint_positions)
+            self._expected_errors = (
+                UNKNOWN if bound is None else bound.at(self.robot.in_box(self.joint_positions))
+            )
         return self._expected_errors
 
 
@@ -475,7 +477,7 @@ def check_joint_step(candidate: Candidate, context: CommandContext) -> Refusal |
     previous, limit = context.previous, context.limits.max_joint_step
     if previous is None or math.isinf(limit):
         return None
-    excess = largest_step_beyond(limit, candidate.joint_positions, previous)
+    excess = largest_step_beyond(limit, candidate.robot, candidate.joint_positions, previous)
     if excess is None:
         return None
     joint, step = excess
@@ -497,7 +499,7 @@ def check_joint_velocity(candidate: Candidate, context: CommandContext) -> Refus
     interval = max(motion.interval, safety.shortest_interval)
     # As a product, so that no time at all is no division by zero.
     limit = safety.max_joint_velocity * interval
-    excess = largest_step_beyond(limit, candidate.joint_positions, previous)
+    excess = largest_step_beyond(limit, candidate.robot, candidate.joint_positions, previous)
     if excess is None:
         return None
     joint, step = excess
@@ -531,7 +533,7 @@ def check_first_command(candidate: Candidate, context: CommandContext) -> Refusa
             return None
         return Refusal(IkStatus.FIRST_COMMAND_TOO_FAR, f"{reason}, or {remedy}")
     violation = measured_violation(
-        candidate.robot.joint_names, candidate.joint_positions, measured, safety.max_first_step
+        candidate.robot, candidate.joint_positions, measured, safety.max_first_step
     )
     return None if violation is None else Refusal(IkStatus.FIRST_COMMAND_TOO_FAR, violation)
 
@@ -548,10 +550,7 @@ def check_measured_step(candidate: Candidate, context: CommandContext) -> Refusa
         reason = f"{fault}, and max_measured_step limits the distance from the robot"
         return Refusal(IkStatus.TOO_FAR_FROM_MEASURED, reason)
     violation = measured_violation(
-        candidate.robot.joint_names,
-        candidate.joint_positions,
-        measured,
-        motion.safety.max_measured_step,
+        candidate.robot, candidate.joint_positions, measured, motion.safety.max_measured_step
     )
     return None if violation is None else Refusal(IkStatus.TOO_FAR_FROM_MEASURED, violation)
 
@@ -574,29 +573,30 @@ COMMAND_CHECKS: tuple[Check, ...] = (
 
 
 def measured_violation(
-    joint_names: tuple[str, ...], joint_positions: FloatArray, measured: FloatArray, limit: float
+    robot: Robot, joint_positions: FloatArray, measured: FloatArray, limit: float
 ) -> str | None:
     """Why joint positions ``(dof,)`` are further than ``limit`` [rad or m] from the measured."""
-    excess = largest_step_beyond(limit, joint_positions, measured)
+    excess = largest_step_beyond(limit, robot, joint_positions, measured)
     if excess is None:
         return None
     joint, step = excess
     return (
-        f"{joint_names[joint]} would go to {joint_positions[joint]:.6g}, but is measured at "
+        f"{robot.joint_names[joint]} would go to {joint_positions[joint]:.6g}, but is measured at "
         f"{measured[joint]:.6g}: {step:.6g} away, more than {limit:.6g}"
     )
 
 
 def largest_step_beyond(
-    limit: float, joint_positions: FloatArray, reference: FloatArray
+    limit: float, robot: Robot, joint_positions: FloatArray, reference: FloatArray
 ) -> tuple[int, float] | None:
     """Which joint is furthest from ``reference``, both ``(dof,)``, and by how much [rad or m].
 
-    None if no joint is further than ``limit``; if that is infinite, nothing is compared.
+    None if no joint is further than ``limit``; if that is infinite, nothing is compared. A
+    continuous joint is at the same place after a full turn.
     """
     if math.isinf(limit):
         return None
-    steps = np.abs(joint_positions - reference)
+    steps = np.abs(robot.difference(joint_positions, reference))
     if (steps <= limit).all():
         return None
     joint = int(np.argmax(steps))

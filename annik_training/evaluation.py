@@ -174,7 +174,7 @@ def network_errors(
     distances, angles = pose_distance(dataset.poses, robot.forward_kinematics.poses(found))
     refined = None
     if SolverMode.AUTO.refines(robot):
-        refinement = Refinement(robot.forward_kinematics, robot.joint_box, RefinementOptions())
+        refinement = Refinement(robot.forward_kinematics, robot.search_box, RefinementOptions())
         refined = [
             refinement.refine(start, pose)
             for start, pose in zip(found, dataset.poses, strict=True)
@@ -186,7 +186,7 @@ def _refined_evaluation(refined: list[RefinementResult], dataset: Dataset) -> Re
     """Summary of refinements; the residuals are measured again, from poses computed anew."""
     converged = np.array([result.converged for result in refined])
     found = np.array([result.joint_positions for result in refined])
-    off = np.abs(found - dataset.joint_positions).max(axis=1)
+    off = np.abs(dataset.robot.difference(found, dataset.joint_positions)).max(axis=1)
     if not converged.any():
         return RefinedEvaluation(0.0, 0.0, 0.0, 0.0, 0, 0.0, 0.0)
     steps = np.array([result.newton_steps for result in refined])[converged]

@@ -26,7 +26,7 @@ from annik_core.collection.motion import JointMotion, approach, place_violation
 from annik_core.collection.settings import CollectionSettings
 from annik_core.collection.visiting_order import visiting_order
 from annik_core.pose import FloatArray, pose_distance
-from annik_core.safety import measured_violation
+from annik_core.safety import largest_step_beyond, measured_violation
 
 
 class ExampleQueue:
@@ -101,7 +101,7 @@ class MeasuredJoints(NamedTuple):
     """Joint positions and their time of arrival.
 
     Attributes:
-        time: on the clock of the caller [s].
+        time: of the oldest of them, on the clock of the caller [s].
         joint_positions: ``(dof,)`` [rad or m].
     """
 
@@ -137,7 +137,7 @@ class _Visit:
 
     Attributes:
         row: of the plan.
-        target: ``(dof,)`` [rad or m].
+        target: ``(dof,)`` [rad or m]; of continuous joints full turns from the plan's.
         motion: to the target.
         motion_time: time in the motion up to the last command [s].
         held_back: delay of the motion by the lag of the robot [s].
@@ -216,7 +216,7 @@ class Collector:
             )
         self._command = start
         if self.journal.order is None:
-            order = visiting_order(start, self.journal.plan.joint_positions)
+            order = visiting_order(start, self.journal.plan.joint_positions, self._robot.turning)
             self.journal.begin(order, self._settings)
         self.queue = ExampleQueue(
             self.journal.remaining,
@@ -227,7 +227,9 @@ class Collector:
         self._measured = measured
         self._go_to_next(now)
 
-    def tick(self, now: float, measured: MeasuredJoints | None) -> FloatArray:
+    def tick(
+        self, now: float, measured: MeasuredJoints | None, fault: str | None = None
+    ) -> FloatArray:
         """The next command: joint positions ``(dof,)`` [rad or m].
 
         To be called at the command rate. The last command is repeated while the robot is to
@@ -236,6 +238,7 @@ class Collector:
         Args:
             now: the time.
             measured: the newest joint positions, if there are any.
+            fault: why there are none, as the end of a sentence, if joint states arrive.
 
         Raises:
             CollectionStopped: if joint states are missing, jump, or are far from the command; or
@@ -245,7 +248,7 @@ class Collector:
         self._count_silence(now)
         if measured is not None:
             self._watch(measured)
-        self._check_silence()
+        self._check_silence(fault)
         if self._visit is not None:
             self._advance(self._visit, now)
         self._last_tick = now
@@ -275,24 +278,25 @@ class Collector:
 
     def _watch(self, measured: MeasuredJoints) -> None:
         """Check measured joint positions against the previous ones and against the command."""
-        before = self._measured
-        if before is not None and measured.time == before.time:
-            return
+        before, positions = self._measured, measured.joint_positions
         self._measured = measured
-        self._silence = 0.0
-        names, limit = self._robot.joint_names, self._settings.max_measured_step
-        positions = measured.joint_positions
+        if before is None or measured.time != before.time:
+            self._silence = 0.0
+        # Joints in other messages than the oldest may have moved.
+        elif np.array_equal(positions, before.joint_positions):
+            return
+        robot, limit = self._robot, self._settings.max_measured_step
         if before is not None:
-            steps = np.abs(positions - before.joint_positions)
-            if not (steps <= limit).all():
-                joint = int(steps.argmax())
+            jump = largest_step_beyond(limit, robot, positions, before.joint_positions)
+            if jump is not None:
+                joint = jump[0]
                 raise CollectionStopped(
                     StopCause.JUMP,
-                    f"{names[joint]} was measured at {before.joint_positions[joint]:.6g} and then "
-                    f"at {positions[joint]:.6g}: a jump by more than the max_measured_step of "
-                    f"{limit:.6g}",
+                    f"{robot.joint_names[joint]} was measured at "
+                    f"{before.joint_positions[joint]:.6g} and then at {positions[joint]:.6g}: a "
+                    f"jump by more than the max_measured_step of {limit:.6g}",
                 )
-        violation = measured_violation(names, self._command, positions, limit)
+        violation = measured_violation(robot, self._command, positions, limit)
         if violation is not None:
             raise CollectionStopped(
                 StopCause.WRONG_PLACE,
@@ -302,7 +306,7 @@ class Collector:
         visit = self._visit
         if visit is None or self.phase not in (Phase.SETTLING, Phase.MEASURING):
             return
-        visit.settling.update(measured.time, positions)
+        visit.settling.update(measured.time, robot.unwrapped(positions, visit.target))
         if self.phase is Phase.MEASURING:
             visit.joint_positions.append(positions)
 
@@ -312,13 +316,13 @@ class Collector:
         longest = max(_LONGEST_STEP / settings.command_rate, 0.25 * settings.measurement_timeout)
         self._silence += min(now - self._last_tick, longest)
 
-    def _check_silence(self) -> None:
+    def _check_silence(self, fault: str | None) -> None:
         timeout = self._settings.measurement_timeout
         if self._visit is not None and self._silence > timeout:
             raise CollectionStopped(
                 StopCause.SILENCE,
                 f"no joint states for {self._silence:.3g} s, more than the measurement_timeout "
-                f"of {timeout:.3g} s",
+                f"of {timeout:.3g} s" + (f": {fault}" if fault else ""),
             )
 
     def _advance(self, visit: _Visit, now: float) -> None:
@@ -372,7 +376,9 @@ class Collector:
         """
         if self._measured is None:
             return 0.0
-        lag = float(np.abs(self._command - self._measured.joint_positions).max())
+        lag = float(
+            np.abs(self._robot.difference(self._command, self._measured.joint_positions)).max()
+        )
         share = lag / self._settings.max_measured_step
         return min(max((_NO_PACE - share) / (_NO_PACE - _FULL_PACE), 0.0), 1.0)
 
@@ -397,7 +403,10 @@ class Collector:
             measured = [self._measured.joint_positions]
         self.journal.record(
             MeasuredExample(
-                visit.row, average.pose, average.square_sums, np.mean(measured, axis=0)
+                visit.row,
+                average.pose,
+                average.square_sums,
+                np.mean(self._robot.unwrapped(np.array(measured), plan), axis=0),
             )
         )
         self.queue.record_done(visit.row)
@@ -428,7 +437,8 @@ class Collector:
         timeout = self._settings.settle_timeout
         if self._measured is None:
             return f"nothing was measured within {timeout:.4g} s"
-        where = visit.settling.describe(self._robot.joint_names, self._measured.joint_positions)
+        measured = self._robot.unwrapped(self._measured.joint_positions, visit.target)
+        where = visit.settling.describe(self._robot.joint_names, measured)
         return (
             f"the robot did not come to rest within the settle_timeout of {timeout:.4g} s: {where}"
         )
@@ -458,6 +468,7 @@ class Collector:
         motion = JointMotion(
             way.waypoints, settings.max_joint_velocity, settings.max_joint_acceleration
         )
+        target = way.waypoints[-1]
         settling = Settling(
             target, settings.settle_tolerance, settings.still_tolerance, settings.settle_time
         )

@@ -124,6 +124,8 @@ def approach(
 ) -> Approach:
     """The straight line to the target; if that is not allowed, through the joint box's centre.
 
+    Continuous joints go the shorter way around: the path may end some full turns from ``target``.
+
     Args:
         robot: has the joint limits and the forward kinematics.
         safety: has the workspace box.
@@ -131,14 +133,16 @@ def approach(
         target: ``(dof,)`` [rad or m].
         spacing: largest motion of a joint between two checked points [rad or m].
     """
-    violation = _path_violation(robot, safety, start, target, spacing)
+    near = robot.unwrapped(target, start)
+    violation = _path_violation(robot, safety, start, near, spacing)
     if violation is None:
-        return Approach(np.array([start, target]), None)
-    centre = robot.joint_box.centre
-    for end in (start, target):
-        if _path_violation(robot, safety, end, centre, spacing) is not None:
+        return Approach(np.array([start, near]), None)
+    centre = robot.unwrapped(robot.joint_box.centre, start)
+    end = robot.unwrapped(target, centre)
+    for place in (start, end):
+        if _path_violation(robot, safety, place, centre, spacing) is not None:
             return Approach(None, violation)
-    return Approach(np.array([start, centre, target]), None)
+    return Approach(np.array([start, centre, end]), None)
 
 
 def _path_violation(

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from annik_core.pose import FloatArray
+from annik_core.robots.robot import FULL_TURN
 
 #: A smaller gain than this is rounding [rad or m].
 _ROUNDING = 1e-12
 
 
-def visiting_order(start: FloatArray, joint_positions: FloatArray) -> tuple[int, ...]:
+def visiting_order(
+    start: FloatArray, joint_positions: FloatArray, turning: Sequence[int] = ()
+) -> tuple[int, ...]:
     """A short path from ``start`` through all joint positions.
 
     Nearest neighbours, improved by 2-opt; never longer than the given order. The distance of two
@@ -19,6 +24,7 @@ def visiting_order(start: FloatArray, joint_positions: FloatArray) -> tuple[int,
     Args:
         start: ``(dof,)`` present joint positions [rad or m].
         joint_positions: ``(n, dof)`` [rad or m].
+        turning: indices of continuous joints, which go the shorter way around.
 
     Returns:
         The rows in the order to visit them.
@@ -27,8 +33,11 @@ def visiting_order(start: FloatArray, joint_positions: FloatArray) -> tuple[int,
         return ()
     points = np.vstack([start, joint_positions])
     travel = np.zeros((len(points), len(points)))
-    for joint in points.T:
-        np.maximum(travel, np.abs(joint[:, np.newaxis] - joint), out=travel)
+    for number, joint in enumerate(points.T):
+        distance = joint[:, np.newaxis] - joint
+        if number in turning:
+            distance -= FULL_TURN * np.round(distance / FULL_TURN)
+        np.maximum(travel, np.abs(distance), out=travel)
     given = np.arange(len(points))
     shortened = (_without_detours(way, travel) for way in (_nearest_neighbours(travel), given))
     best = min(shortened, key=lambda way: float(travel[way[:-1], way[1:]].sum()))

@@ -15,12 +15,15 @@ from annik_core.pose import FloatArray, Numbers
 from annik_core.robots.corrected_kinematics import (
     JointCorrectedKinematics,
     PoseCorrectedKinematics,
+    WrappedKinematics,
 )
 from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.definition import checked_name, checked_numbers
 from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
+    FULL_TURN,
+    TURN_TOLERANCE,
     ForwardKinematics,
     Linearisation,
     ResolvedTarget,
@@ -33,8 +36,6 @@ _REMEDY = "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio
 _NO_REFERENCE: FloatArray = np.zeros(0)
 #: Most moving joints of an arm.
 MAX_JOINTS = 32
-#: A full turn, to rounding [rad].
-_FULL_TURN = 2.0 * np.pi + 1e-9
 
 
 def _pinocchio() -> Any:
@@ -146,7 +147,8 @@ class ArmKinematics(ForwardKinematics):
     def _pinocchio(self) -> tuple[Any, Any, Any, int]:
         """The library, the model, its data, and the number of the end-effector frame."""
         pin = _pinocchio()
-        model = pin.buildModelFromXML(self.urdf)
+        # Of a continuous joint Pinocchio would want the cosine and sine of its position.
+        model = pin.buildModelFromXML(self.urdf.replace('type="continuous"', 'type="revolute"'))
         # Joints are frames too, and one may have the name of a link.
         frame = model.getFrameId(self.end_effector_frame, pin.FrameType.BODY)
         if self.placements is not None:
@@ -294,7 +296,7 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
         joint_box=box,
         base_frame=chain.base_frame,
         end_effector_frame=chain.end_effector_frame,
-        forward_kinematics=_corrected(kinematics, corrections),
+        forward_kinematics=_corrected(kinematics, corrections, chain, box),
         workspace=workspace,
         definition={
             "kind": "arm",
@@ -314,13 +316,21 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     )
 
 
-def _corrected(kinematics: ArmKinematics, corrections: ArmCorrections | None) -> ForwardKinematics:
+def _corrected(
+    kinematics: ArmKinematics,
+    corrections: ArmCorrections | None,
+    chain: SerialChain,
+    box: JointLimits,
+) -> ForwardKinematics:
     """The kinematics with the corrections of joints and end effector."""
     corrected: ForwardKinematics = kinematics
     if corrections is not None and corrections.joint_networks is not None:
         corrected = JointCorrectedKinematics(corrected, corrections.joint_networks)
     if corrections is not None and corrections.pose_network is not None:
         corrected = PoseCorrectedKinematics(corrected, corrections.pose_network)
+    turning = [joint for joint, kind in enumerate(chain.joint_types) if kind == "continuous"]
+    if corrected is not kinematics and turning:
+        return WrappedKinematics(corrected, box.centre, turning)
     return corrected
 
 
@@ -342,7 +352,8 @@ def _joint_box(
             )
     lower, upper = limits.lower.copy(), limits.upper.copy()
     for index, joint in enumerate(chain.joint_names):
-        if chain.continuous[index]:
+        kind = chain.joint_types[index]
+        if kind == "continuous":
             lower[index], upper[index] = -np.pi, np.pi
         if joint in entries:
             bounds = checked_numbers(entries[joint], f"joint_box of {joint}", source)
@@ -357,7 +368,7 @@ def _joint_box(
                 f"joint_box of {joint} is [{lower[index]:.6g}, {upper[index]:.6g}], not inside "
                 f"its limits [{limits.lower[index]:.6g}, {limits.upper[index]:.6g}]",
             )
-        if chain.joint_types[index] == "revolute" and upper[index] - lower[index] > _FULL_TURN:
+        if kind != "prismatic" and upper[index] - lower[index] > FULL_TURN + TURN_TOLERANCE:
             # The pose is the same after a full turn.
             middle = 0.5 * (lower[index] + upper[index])
             if joint in entries:

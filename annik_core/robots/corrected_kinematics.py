@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from annik_core.pose import FloatArray
 from annik_core.robots.corrections import JointCorrection, PoseNetwork
-from annik_core.robots.robot import ForwardKinematics, Linearisation
+from annik_core.robots.robot import ForwardKinematics, Linearisation, unwrapped
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,38 @@ class PoseCorrectedKinematics(ForwardKinematics):
         motion = self.network.motions(joint_positions[np.newaxis])
         moved = _moved(target[np.newaxis], motion, reverse=True)[0]
         return self.kinematics.linearise(joint_positions, moved)
+
+
+@dataclass(frozen=True, eq=False)
+class WrappedKinematics(ForwardKinematics):
+    """Forward kinematics that are the same after a full turn of a continuous joint.
+
+    Corrections are known in one turn only.
+
+    Attributes:
+        kinematics: with corrections.
+        centre: ``(dof,)`` middle of the turn that they are known in.
+        turning: indices of the continuous joints.
+    """
+
+    kinematics: ForwardKinematics
+    centre: FloatArray
+    turning: Sequence[int]
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        return self.kinematics.poses(self._wrapped(joint_positions))
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        return self.kinematics.jacobians(self._wrapped(joint_positions))
+
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        return self.kinematics.linearise(self._wrapped(joint_positions), target)
+
+    def _wrapped(self, joint_positions: FloatArray) -> FloatArray:
+        return unwrapped(joint_positions, self.centre, self.turning)
 
 
 def _moved(poses: FloatArray, motions: FloatArray, *, reverse: bool = False) -> FloatArray:

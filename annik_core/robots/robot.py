@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -90,6 +90,29 @@ class ForwardKinematics(Protocol):
         return self.linearise(joint_positions, target).residuals
 
 
+FULL_TURN = 2.0 * math.pi
+#: Rounding of the ends of a turn [rad].
+TURN_TOLERANCE = 1e-9
+
+
+def unwrapped(
+    joint_positions: FloatArray, reference: FloatArray | float, turning: Sequence[int]
+) -> FloatArray:
+    """The same place with some joints within half a turn of a reference.
+
+    Args:
+        joint_positions: ``(..., dof)`` [rad or m]; not changed.
+        reference: ``(dof,)``, of the same shape, or one angle for all.
+        turning: indices of these joints.
+    """
+    if not turning:
+        return joint_positions
+    away = (joint_positions - reference)[..., turning]
+    nearest = joint_positions.copy()
+    nearest[..., turning] -= FULL_TURN * np.round(away / FULL_TURN)
+    return nearest
+
+
 class ResolvedTarget(NamedTuple):
     """A target as the network should see it, and whether it is in the workspace.
 
@@ -135,9 +158,11 @@ class Robot:
         name: short name, such as ``gantry``.
         kind: ``arm`` or ``gantry``.
         joint_names: the joints, in the order of every joint-position array.
-        joint_types: ``revolute`` or ``prismatic``, one per joint.
+        joint_types: ``revolute``, ``continuous`` or ``prismatic``, one per joint. A continuous
+            joint is at the same place after a full turn, whatever turns its position counts.
         joint_limits: limits of the joint positions; a command is never outside.
-        joint_box: the part of them that the network is trained for and solutions are in.
+        joint_box: the part of them that the network is trained for and solutions are in, those of
+            continuous joints after some full turns.
         base_frame: the frame of every pose.
         end_effector_frame: the frame whose pose is meant.
         forward_kinematics: see :class:`ForwardKinematics`.
@@ -164,6 +189,35 @@ class Robot:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @cached_property
+    def turning(self) -> list[int]:
+        """Indices of the continuous joints."""
+        return [joint for joint, kind in enumerate(self.joint_types) if kind == "continuous"]
+
+    def difference(self, to: FloatArray, start: FloatArray) -> FloatArray:
+        """``to - start``, each ``(..., dof)``; of a continuous joint the shorter way around."""
+        return unwrapped(to - start, 0.0, self.turning)
+
+    def unwrapped(self, joint_positions: FloatArray, reference: FloatArray) -> FloatArray:
+        """Joint positions ``(..., dof)``, continuous joints within half a turn of a reference."""
+        return unwrapped(joint_positions, reference, self.turning)
+
+    def in_box(self, joint_positions: FloatArray) -> FloatArray:
+        """Joint positions ``(..., dof)``, continuous joints in the turn around their box."""
+        return unwrapped(joint_positions, self.joint_box.centre, self.turning)
+
+    @cached_property
+    def search_box(self) -> JointLimits:
+        """The joint box; without bounds for a continuous joint that has the full turn in it."""
+        box = self.joint_box
+        widths = (box.upper - box.lower).tolist()
+        whole = [joint for joint in self.turning if widths[joint] >= FULL_TURN - TURN_TOLERANCE]
+        if not whole:
+            return box
+        lower, upper = box.lower.copy(), box.upper.copy()
+        lower[whole], upper[whole] = -math.inf, math.inf
+        return JointLimits(box.joint_names, lower, upper)
 
     @cached_property
     def definition_hash(self) -> str:

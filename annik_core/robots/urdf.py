@@ -15,10 +15,11 @@ from xml.etree import ElementTree
 from annik_core.robots.definition import checked_name
 from annik_core.robots.errors import InvalidRobotDefinition
 
-#: Moving joint types of a URDF, and their type in a robot.
-MOVING_TYPES = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic"}
-#: Limits of a continuous joint, to either side [rad]; a URDF gives it none.
-CONTINUOUS_LIMIT = 2.0 * math.pi
+#: Types of joints that move.
+MOVING_TYPES = ("continuous", "prismatic", "revolute")
+#: Limits of a continuous joint, to either side [rad]. A URDF gives it none; beyond these a double
+#: does not resolve a tenth of a micro-radian.
+CONTINUOUS_LIMIT = 1e9
 #: Most joints of a chain, fixed ones included; Pinocchio's reader recurses that deep.
 MAX_CHAIN = 256
 #: Most characters of a URDF; a description is some 100 kB with all its links.
@@ -39,8 +40,7 @@ class SerialChain:
         base_frame: its first link.
         end_effector_frame: its last link.
         joint_names: the moving joints, from the base on.
-        joint_types: ``revolute`` or ``prismatic``, one per joint.
-        continuous: whether each joint turns without limits.
+        joint_types: ``revolute``, ``continuous`` or ``prismatic``, one per joint.
         lower: lower limits [rad or m]; for a continuous joint :data:`CONTINUOUS_LIMIT`.
         upper: upper limits.
     """
@@ -51,7 +51,6 @@ class SerialChain:
     end_effector_frame: str
     joint_names: tuple[str, ...]
     joint_types: tuple[str, ...]
-    continuous: tuple[bool, ...]
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
@@ -119,8 +118,7 @@ def serial_chain(
         base_frame=base,
         end_effector_frame=tip,
         joint_names=tuple(joint.name for joint in moving),
-        joint_types=tuple(MOVING_TYPES[joint.kind] for joint in moving),
-        continuous=tuple(joint.kind == "continuous" for joint in moving),
+        joint_types=tuple(joint.kind for joint in moving),
         lower=tuple(joint.limits[0] for joint in moving),
         upper=tuple(joint.limits[1] for joint in moving),
     )
@@ -184,7 +182,7 @@ class _Joint:
         if self.kind not in MOVING_TYPES:
             raise self._refused(
                 f"is {self.kind}; between the base and the end effector joints can be fixed, "
-                f"{', '.join(sorted(MOVING_TYPES))}"
+                f"{', '.join(MOVING_TYPES)}"
             )
         mimic = self.element.find("mimic")
         if mimic is not None:
@@ -359,19 +357,17 @@ def _written(name: str, base: str, chain: Sequence[_Joint]) -> str:
     root = ElementTree.Element("robot", name=name)
     ElementTree.SubElement(root, "link", name=base)
     for joint in chain:
-        # Pinocchio represents a continuous joint by cosine and sine, not by its position.
-        kind = "revolute" if joint.kind == "continuous" else joint.kind
-        element = ElementTree.SubElement(root, "joint", name=joint.name, type=kind)
+        element = ElementTree.SubElement(root, "joint", name=joint.name, type=joint.kind)
         ElementTree.SubElement(element, "parent", link=joint.parent)
         ElementTree.SubElement(element, "child", link=joint.child)
         ElementTree.SubElement(element, "origin", xyz=_numbers(joint.xyz), rpy=_numbers(joint.rpy))
-        if kind != "fixed":
-            lower, upper = joint.limits
+        if joint.kind != "fixed":
             ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
-            # Required by the format, not used.
-            ElementTree.SubElement(
-                element, "limit", lower=repr(lower), upper=repr(upper), effort="0", velocity="0"
-            )
+            limits = {}
+            if joint.kind != "continuous":
+                limits = {"lower": repr(joint.limits[0]), "upper": repr(joint.limits[1])}
+            # Effort and velocity are required by the format, not used.
+            ElementTree.SubElement(element, "limit", {**limits, "effort": "0", "velocity": "0"})
         ElementTree.SubElement(root, "link", name=joint.child)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode")

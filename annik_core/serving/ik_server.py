@@ -14,7 +14,6 @@ from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray, Numbers
 from annik_core.safety import (
     CommandSafety,
-    FirstCommandRule,
     IkStatus,
     Measurement,
     Motion,
@@ -201,8 +200,5 @@ class IkServer:
 
     def _measured(self, first: bool) -> Measurement:
         """Where the robot is, if a check or the first solution depends on it."""
-        rule = self.safety.first_command
-        needed = not math.isinf(self.safety.max_measured_step) or (
-            first and rule is not FirstCommandRule.FREE
-        )
+        needed = first or not math.isinf(self.safety.max_measured_step)
         return self._measure() if needed else Measurement()

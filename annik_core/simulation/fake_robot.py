@@ -80,7 +80,7 @@ class FakeRobot:
         self.joint_positions = joint_positions
         # A joint moves once its drive has crossed the play, and lags behind by half of it.
         self._driven_positions = np.clip(
-            self._driven_positions,
+            self.robot.unwrapped(self._driven_positions, joint_positions),
             joint_positions - self._half_backlash,
             joint_positions + self._half_backlash,
         )

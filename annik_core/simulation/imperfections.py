@@ -419,7 +419,7 @@ def random_imperfections(
     # Further rows must follow these, or the same seeds would give other robots.
     zero, offset, length, twist = rng.uniform(-1.0, 1.0, (4, robot.dof))
     amplitude, phase, backlash = rng.uniform(0.0, 1.0, (3, robot.dof))
-    turns = np.array([kind == "revolute" for kind in robot.joint_types])
+    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
     return Imperfections(
         joint_zero=magnitudes.joint_zero_error * zero,
         joint_offset=magnitudes.link_length_error * offset,

@@ -17,6 +17,7 @@ from annik_core.pose import FloatArray, Numbers, checked_pose
 from annik_core.robots.robot import ResolvedTarget, Robot, check_joint_count
 from annik_core.safety import (
     COMMAND_CHECKS,
+    UNKNOWN,
     AcceptanceLimits,
     Candidate,
     CommandContext,
@@ -113,7 +114,8 @@ class IkSolver:
             pose: seven numbers in the robot's base frame: x, y, z [m], unit quaternion x, y, z, w.
             previous: the accepted result for the target before, or, at first, the joint positions
                 ``(dof,)`` [rad or m] where the robot is. The joint step is measured from it, and
-                where the pose leaves a choice the solution stays close to it.
+                where the pose leaves a choice the solution stays close to it. Continuous joints
+                are within half a turn of it; without it, of the middle of their box.
             motion: the motion of a running robot that this continues, if its checks are to run
                 too, as :class:`annik_core.serving.ik_server.IkServer` has them do.
 
@@ -162,7 +164,7 @@ class IkSolver:
         from annik_core.solver.refinement import Refinement
 
         robot = self.robot
-        return Refinement(robot.forward_kinematics, robot.joint_box, self.refinement_options)
+        return Refinement(robot.forward_kinematics, robot.search_box, self.refinement_options)
 
     def _checked(
         self, pose: ArrayLike, reference: Numbers | None
@@ -219,22 +221,36 @@ class IkSolver:
     def _candidate(
         self, target: FloatArray, network_solution: FloatArray, previous: FloatArray | None
     ) -> Candidate:
+        robot = self.robot
+        candidate = Candidate(robot, target, network_solution)
         # What is not finite is not refined: such a network is broken.
-        if not self.refines or not all(map(math.isfinite, network_solution.tolist())):
-            return Candidate(self.robot, target, network_solution)
-        start = network_solution
-        if self.seed_from_previous and previous is not None:
-            kinematics = self.robot.forward_kinematics
-            start = min(
-                (network_solution, previous),
-                key=lambda positions: kinematics.linearise(positions, target).distance,
+        if self.refines and all(map(math.isfinite, network_solution.tolist())):
+            start = network_solution
+            if self.seed_from_previous and previous is not None:
+                start = min(
+                    (network_solution, robot.in_box(previous)),
+                    key=lambda q: robot.forward_kinematics.linearise(q, target).distance,
+                )
+            found = self._refinement.refine(start, target)
+            candidate = Candidate(
+                robot,
+                target,
+                found.joint_positions,
+                (found.position_residual, found.orientation_residual),
+                found.newton_steps,
+                found.converged,
             )
-        found = self._refinement.refine(start, target)
-        return Candidate(
-            self.robot,
-            target,
-            found.joint_positions,
-            (found.position_residual, found.orientation_residual),
-            found.newton_steps,
-            found.converged,
-        )
+        if robot.turning:
+            _unwrap(candidate, previous)
+        return candidate
+
+
+def _unwrap(candidate: Candidate, previous: FloatArray | None) -> None:
+    """Turn continuous joints to within half a turn of the previous command, or of their box."""
+    robot, wrapped = candidate.robot, candidate.joint_positions
+    if not np.isfinite(wrapped).all():
+        return
+    near = robot.in_box(wrapped) if previous is None else robot.unwrapped(wrapped, previous)
+    if not np.array_equal(near, wrapped):
+        # The residuals must be those of exactly the joint positions that are returned.
+        candidate.joint_positions, candidate.known_residuals = near, UNKNOWN

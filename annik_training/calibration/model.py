@@ -255,7 +255,7 @@ class ParametricModel:
     def _joint_units(self) -> FloatArray:
         return np.array(
             [
-                _JOINT_ANGLE if kind == "revolute" else _JOINT_LENGTH
+                _JOINT_LENGTH if kind == "prismatic" else _JOINT_ANGLE
                 for kind in self.robot.joint_types
             ]
         )

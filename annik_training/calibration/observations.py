@@ -45,7 +45,7 @@ class Observations:
     """Joint positions as commanded and poses as measured.
 
     Attributes:
-        joint_positions: ``(n, dof)`` [rad or m].
+        joint_positions: ``(n, dof)`` [rad or m], continuous joints in the turn around their box.
         positions: ``(n, 3)`` [m].
         rotations: ``(n, 3, 3)``.
         has_orientation: whether the rotations were measured; if not, they are arbitrary.
@@ -76,7 +76,7 @@ class Observations:
         if not position_only:
             rotations = Rotation.from_quat(dataset.poses[:, 3:]).as_matrix()
         return cls(
-            dataset.joint_positions,
+            dataset.robot.in_box(dataset.joint_positions),
             dataset.poses[:, :3],
             rotations,
             not position_only,

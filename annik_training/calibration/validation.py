@@ -115,7 +115,7 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     if not is_measured_alike(dataset.robot, nominal):
         raise RobotMismatch("the measured dataset", robot.name, dataset.robot.name)
     before, after = _errors(nominal, dataset), _errors(robot, dataset)
-    bounds = np.array([robot.error_bound.at(row) for row in dataset.joint_positions])
+    bounds = np.array([robot.error_bound.at(row) for row in robot.in_box(dataset.joint_positions)])
     regions = tuple(_regions(dataset, before, after))
     has_orientation = provenance.get("position_only") is not True
     return MeasuredEvaluation(dataset, before, after, bounds, regions, has_orientation)
@@ -128,9 +128,10 @@ def _errors(robot: Robot, dataset: Dataset) -> MeasuredErrors:
 
 def _regions(dataset: Dataset, before: MeasuredErrors, after: MeasuredErrors) -> Iterator[Region]:
     box = dataset.robot.joint_box
+    joint_positions = dataset.robot.in_box(dataset.joint_positions)
     for index in box.free.tolist():
         edges = np.linspace(box.lower[index], box.upper[index], REGIONS + 1)
-        part = np.digitize(dataset.joint_positions[:, index], edges[1:-1])
+        part = np.digitize(joint_positions[:, index], edges[1:-1])
         for region in range(REGIONS):
             inside = part == region
             means = [

@@ -47,12 +47,12 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
         else np.array([not result.converged for result in errors.refined])
     )
     for axis, joint in zip(axes, free, strict=False):
-        revolute = robot.joint_types[joint] == "revolute"
+        turns = robot.joint_types[joint] != "prismatic"
         positions = errors.dataset.joint_positions[:, joint]
-        shown = np.degrees(positions) if revolute else positions
+        shown = np.degrees(positions) if turns else positions
         _draw_joint(axis, shown, errors_mm, failed)
         axis.set_xlabel(
-            f"{_plain(robot.joint_names[joint])} [{'deg' if revolute else 'm'}]", fontsize=8
+            f"{_plain(robot.joint_names[joint])} [{'deg' if turns else 'm'}]", fontsize=8
         )
     axes[0].set_ylabel("position error [mm]", fontsize=8)
     axes[0].legend(fontsize=6)

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from annik_core.robots.robot import Robot
+from annik_core.robots.urdf import CONTINUOUS_LIMIT
 from annik_training.cli.options import FILE, chosen_robot, robot_argument, write
 from annik_training.designs.sampling import random_dataset
 from annik_training.fitting.branches import branch_signs
@@ -33,7 +34,10 @@ def robot(save: Path | None, **choices: Any) -> None:
         shown.joint_names,
         shown.joint_types,
         *(
-            [f"{low:.4g} .. {high:.4g}" for low, high in zip(box.lower, box.upper, strict=True)]
+            [
+                "none" if high == CONTINUOUS_LIMIT else f"{low:.4g} .. {high:.4g}"
+                for low, high in zip(box.lower, box.upper, strict=True)
+            ]
             for box in (shown.joint_limits, shown.joint_box)
         ),
         strict=True,

@@ -77,7 +77,7 @@ def pair_figure(
     Args:
         joint_positions: ``(n, dof)`` [rad or m] inside the box.
         box: the joint box, with at least one joint that is not locked.
-        joint_types: ``revolute`` (drawn in degrees) or ``prismatic`` (in mm or m) for each joint.
+        joint_types: ``prismatic`` (drawn in mm or m) or another (in degrees) for each joint.
         diagnostics: of these examples.
         title: one line.
     """

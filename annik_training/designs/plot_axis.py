@@ -63,7 +63,7 @@ def joint_axes(
     Args:
         joint_positions: ``(n, dof)`` [rad or m].
         box: the joint box.
-        joint_types: ``revolute`` (drawn in degrees) or ``prismatic`` (in mm or m) for each joint.
+        joint_types: ``prismatic`` (drawn in mm or m) or another (in degrees) for each joint.
     """
     axes = []
     for joint in box.free:
@@ -78,6 +78,6 @@ def joint_axes(
 
 def _unit(joint_type: str, largest: float) -> tuple[str, float]:
     """Unit for positions of at most ``largest`` [rad or m], and the factor to it."""
-    if joint_type == "revolute":
+    if joint_type != "prismatic":
         return "deg", 180.0 / np.pi
     return ("mm", 1000.0) if largest < 1.0 else ("m", 1.0)

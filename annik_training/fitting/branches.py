@@ -52,7 +52,7 @@ def single_branch(
         return keep
     main = 1.0 if np.sum(signs) >= 0 else -1.0
     refinement = Refinement(
-        robot.forward_kinematics, robot.joint_box, RefinementOptions(max_newton_steps=_STEPS)
+        robot.forward_kinematics, robot.search_box, RefinementOptions(max_newton_steps=_STEPS)
     )
     for row in np.flatnonzero(signs != main):
         keep[row] = not _reaches(refinement, robot, main, joint_positions[row], poses[row])

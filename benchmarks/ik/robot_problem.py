@@ -23,13 +23,17 @@ def robot_problem(robot: Robot) -> IkProblem:
     """
     if robot.kind != "arm":
         raise NotAnArm(robot.name)
+    # The solvers take a joint without limits for one with those of its box.
+    lower, upper = robot.joint_limits.lower.copy(), robot.joint_limits.upper.copy()
+    lower[robot.turning] = robot.joint_box.lower[robot.turning]
+    upper[robot.turning] = robot.joint_box.upper[robot.turning]
     return IkProblem(
         urdf=str(robot.definition["urdf"]),
         base_frame=robot.base_frame,
         end_effector_frame=robot.end_effector_frame,
         joint_names=robot.joint_names,
-        lower=robot.joint_limits.lower,
-        upper=robot.joint_limits.upper,
+        lower=lower,
+        upper=upper,
         box_lower=robot.joint_box.lower,
         box_upper=robot.joint_box.upper,
     )
