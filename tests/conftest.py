@@ -76,15 +76,30 @@ def arm_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     It is barely trained: what an answer is worth, refinement has to see to. Beside it are the
     URDF, ``arm.urdf``, and what the command wrote and printed: ``summary.json``, ``printed.txt``.
     """
+    from support.six_joint_arm import JOINT_BOX, URDF
+
+    return _trained(tmp_path_factory.mktemp("arm"), URDF, JOINT_BOX)
+
+
+@pytest.fixture(scope="session")
+def continuous_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model of the arm of ``continuous_arm``, made in the same way."""
+    from support.continuous_arm import CONTINUOUS_URDF
+    from support.six_joint_arm import JOINT_BOX
+
+    # Without the box of the first joint.
+    return _trained(tmp_path_factory.mktemp("continuous"), CONTINUOUS_URDF, JOINT_BOX[2:])
+
+
+def _trained(folder: Path, urdf: str, joint_box: tuple[str, ...]) -> Path:
     from click.testing import CliRunner
-    from support.six_joint_arm import FRAMES, JOINT_BOX, URDF
+    from support.six_joint_arm import FRAMES
 
     from annik_training.cli import cli
 
-    folder = tmp_path_factory.mktemp("arm")
-    (folder / "arm.urdf").write_text(URDF, encoding="utf-8")
+    (folder / "arm.urdf").write_text(urdf, encoding="utf-8")
     arguments = (
-        *("train", "--robot", folder / "arm.urdf", *FRAMES, *JOINT_BOX),
+        *("train", "--robot", folder / "arm.urdf", *FRAMES, *joint_box),
         *("--examples", 64, "--hidden", "8", "--max-evaluations", 5, "--seed", 3),
         *("--evaluation-poses", 200),
         *("--out", folder / "arm.onnx", "--summary", folder / "summary.json"),

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from support.continuous_arm import CONTINUOUS_URDF, OPTIONS
 
 from annik_core.collection.motion import approach, place_violation
 from annik_core.robots.library import load_robot
@@ -39,6 +40,20 @@ def test_without_a_box_the_way_is_straight(scara) -> None:
     way = approach(scara, EVERYWHERE, start, target, SPACING)
     assert way.violation is None
     assert (way.waypoints == [start, target]).all()
+
+
+def test_continuous_joints_go_the_shorter_way_also_through_the_centre() -> None:
+    robot = load_robot(CONTINUOUS_URDF, **OPTIONS)
+    start, target = robot.joint_box.centre, robot.joint_box.centre
+    start[0], target[0] = 4 * math.pi + 3.0, -3.0
+    way = approach(robot, EVERYWHERE, start, target, SPACING)
+    assert np.diff(way.waypoints[:, 0]) == pytest.approx([2 * math.pi - 6.0])
+    assert (way.waypoints[:, 1:] == [start[1:], target[1:]]).all()
+    # The arc around the seam is out of this box, and the other way around is not.
+    positions = robot.forward_kinematics.poses(np.array([start, target]))[:, :3]
+    around = CommandSafety(workspace_box_lower=(float(positions[:, 0].min()) - 1e-3, -9, -9))
+    way = approach(robot, around, start, target, SPACING)
+    assert np.diff(way.waypoints[:, 0]) == pytest.approx([-3.0, -3.0])
 
 
 def test_a_target_outside_the_joint_limits_has_no_way(scara) -> None:

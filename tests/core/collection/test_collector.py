@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from support.collection_plans import plan_at, small_plan
+from support.continuous_arm import CONTINUOUS_URDF, OPTIONS
 
 from annik_core.collection.collector import (
     Collector,
@@ -250,6 +251,103 @@ def test_a_joint_that_jumps_stops_everything(make) -> None:
     with pytest.raises(CollectionStopped) as caught:
         simulation.run()
     assert caught.value.cause is StopCause.JUMP
+
+
+class TestMerged:
+    """Joint positions of several messages: their time is that of the oldest."""
+
+    @pytest.fixture
+    def simulation(self, make) -> Simulation:
+        """While it measures, with joints whose oldest message is not followed by another."""
+        simulation = make()
+        simulation.begin()
+        simulation.run(lambda: simulation.collector.phase is Phase.MEASURING)
+        simulation.measure_joints = lambda joints: None
+        return simulation
+
+    def tick(self, simulation: Simulation, shift: float, fault: str | None = None) -> None:
+        """One joint is measured anew; the oldest message stays."""
+        last = simulation.last
+        moved = last._replace(joint_positions=last.joint_positions + shift * np.eye(6)[2])
+        simulation.last = moved
+        simulation.now += simulation.period
+        simulation.collector.tick(simulation.now, moved, fault)
+
+    def test_a_jump_of_one_joint_is_noticed_while_another_is_silent(self, simulation) -> None:
+        with pytest.raises(CollectionStopped) as caught:
+            self.tick(simulation, 0.3)
+        assert caught.value.cause is StopCause.JUMP
+
+    def test_a_motion_of_one_joint_is_noticed_while_another_is_silent(self, simulation) -> None:
+        self.tick(simulation, 0.01)
+        self.tick(simulation, 0.0)
+        assert simulation.collector.phase is Phase.SETTLING
+
+    @pytest.mark.parametrize("shift", [0.0, 1e-5])
+    def test_a_silent_joint_stops_the_collection_though_others_report(
+        self, simulation, shift
+    ) -> None:
+        """With the reason, if there is one."""
+        since = simulation.now
+        with pytest.raises(CollectionStopped) as caught:
+            while simulation.now < since + 2.0:
+                self.tick(simulation, shift, "z_drive_joint was measured long ago")
+        assert caught.value.cause is StopCause.SILENCE
+        assert "z_drive_joint was measured long ago" in str(caught.value)
+        assert simulation.now - since == pytest.approx(SETTINGS.measurement_timeout, abs=0.03)
+
+
+class TestContinuousJoints:
+    """The first joint turns without limits; most examples are around its seam."""
+
+    @pytest.fixture
+    def plan(self):
+        robot = load_robot(CONTINUOUS_URDF, **OPTIONS)
+        joints = small_plan(robot, 8).joint_positions.copy()
+        joints[:, 0] = -3.1, 3.1, 3.0, -2.9, math.pi, -math.pi, 2.8, 0.5
+        return plan_at(robot, joints)
+
+    @pytest.mark.parametrize("turns", [-1, 0, 1])
+    @pytest.mark.parametrize("wraps", [True, False])
+    def test_are_moved_and_measured_the_shorter_way(self, make, plan, turns, wraps) -> None:
+        """Whether or not the driver counts the turns, and wherever it begins to count."""
+        simulation = make(plan, max_measured_step=0.3)
+
+        def measured(joints: np.ndarray) -> np.ndarray:
+            if not wraps:
+                return joints
+            return np.array([math.remainder(joints[0], 2 * math.pi), *joints[1:]])
+
+        simulation.measure_joints = measured
+        if wraps:
+            simulation.follow = lambda command: plan.robot.unwrapped(command, simulation.joints)
+        start = simulation.joints.copy()
+        start[0] = 2.7 + 2 * math.pi * turns
+        simulation.joints = start
+        simulation.begin()
+        began = simulation.collector.command
+        assert plan.robot.difference(began, start) == pytest.approx(np.zeros(6), abs=1e-9)
+        simulation.run()
+        commands = np.array([began, *(command for _, command in simulation.commands)])
+        steps = np.abs(np.diff(commands, axis=0)).max()
+        assert steps <= 2.0 * SETTINGS.spacing * (1 + 1e-9)
+        # Around the seam, and once to the other side: not a full turn for each of them.
+        assert np.abs(np.diff(commands[:, 0])).sum() < 2 * math.pi
+        examples = simulation.collector.journal.examples
+        assert len(examples) == len(plan)
+        for example in examples.values():
+            planned = plan.joint_positions[example.row]
+            assert np.abs(example.joint_positions - planned).max() <= SETTINGS.settle_tolerance
+        assert not messages(simulation).warnings
+
+    def test_that_jump_stop_everything(self, make, plan) -> None:
+        simulation = make(plan, max_measured_step=0.3)
+        simulation.begin()
+        simulation.run(lambda: simulation.collector.phase is Phase.MEASURING)
+        simulation.measure_joints = lambda joints: joints + 3.0 * np.eye(6)[0]
+        with pytest.raises(CollectionStopped) as caught:
+            simulation.run()
+        assert caught.value.cause is StopCause.JUMP
 
 
 def test_a_robot_that_does_not_follow_stops_everything(make) -> None:

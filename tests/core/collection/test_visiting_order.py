@@ -37,6 +37,14 @@ def test_places_in_a_row_are_visited_from_the_start_to_the_other_end() -> None:
     assert visiting_order(np.array([0.0]), others) == (1, 3, 0, 2)
 
 
+def test_continuous_joints_go_the_shorter_way_around() -> None:
+    """-3.1 is next to 3.1, as if it were 3.18; another joint is not turned."""
+    others = np.array([[0.5, 0.0], [-3.1, 0.0], [3.1, 0.0], [2.5, 0.0], [-2.5, 0.0]])
+    start = np.array([2.4, 0.0])
+    assert visiting_order(start, others, turning=[0]) == (3, 2, 1, 4, 0)
+    assert visiting_order(start, others, turning=[1]) == visiting_order(start, others)
+
+
 def test_many_places_take_a_fraction_of_the_way_through_them_as_given() -> None:
     rng = np.random.default_rng(0)
     start, others = rng.uniform(-1, 1, 6), rng.uniform(-1, 1, (200, 6))

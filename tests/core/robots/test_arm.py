@@ -22,6 +22,7 @@ from annik_core.pose import FloatArray, pose_difference
 from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import ForwardKinematics, Robot
+from annik_core.robots.urdf import CONTINUOUS_LIMIT
 
 ARMS = tuple(name for name in packaged_robots() if name != "gantry")
 CONTINUOUS = urdf("abc", J1, joint("j2", "b", "c", "continuous", limit=""))
@@ -74,12 +75,13 @@ class TestJointBox:
 
     def test_of_a_continuous_joint_is_one_turn(self) -> None:
         robot = load_robot(CONTINUOUS)
-        assert robot.joint_limits.upper[1] == -robot.joint_limits.lower[1] == 2 * math.pi
+        assert robot.joint_limits.upper[1] == -robot.joint_limits.lower[1] == CONTINUOUS_LIMIT
         assert robot.joint_box.upper[1] == -robot.joint_box.lower[1] == math.pi
 
-    def test_of_a_continuous_joint_may_be_any_turn_within_two(self) -> None:
-        box = load_robot(CONTINUOUS, joint_box={"j2": [-6.25, 0.0]}).joint_box
-        assert (box.lower[1], box.upper[1]) == (-6.25, 0.0)
+    @pytest.mark.parametrize("bounds", [(-6.25, 0.0), (5.0, 7.0), (100.0, 100.0)])
+    def test_of_a_continuous_joint_may_be_in_any_turn(self, bounds: tuple[float, float]) -> None:
+        box = load_robot(CONTINUOUS, joint_box={"j2": bounds}).joint_box
+        assert (box.lower[1], box.upper[1]) == bounds
 
     @pytest.mark.parametrize(
         ("lower", "upper", "expected"),
@@ -109,8 +111,10 @@ class TestJointBox:
     def test_outside_the_limits_is_refused(self, bounds: list[float]) -> None:
         refused(TWO_JOINTS, "joint_box of j1", "[-1, 1]", joint_box={"j1": bounds})
 
-    def test_of_a_continuous_joint_beyond_its_limits_is_refused(self) -> None:
-        refused(CONTINUOUS, "joint_box of j2", "[-6.28319, 6.28319]", joint_box={"j2": [5, 7]})
+    @pytest.mark.parametrize("kind", ["revolute", "continuous"])
+    def test_of_more_than_a_turn_is_refused(self, kind: str) -> None:
+        text = urdf("abc", J1, joint("j2", "b", "c", kind, limit='lower="-9" upper="9"'))
+        refused(text, "joint_box of j2", "full turn", joint_box={"j2": [0.0, 6.3]})
 
     @pytest.mark.parametrize(
         ("box", "named"),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from support.continuous_arm import CONTINUOUS_URDF, OPTIONS
 
 from annik_core.errors import AnnikError, MissingJoint
 from annik_core.robots.library import load_robot
 from annik_core.simulation.fake_robot import CommandOutsideLimits, FakeRobot, refusal_reason
+from annik_core.simulation.imperfections import Imperfections
 
 
 def test_it_starts_in_the_middle_of_its_working_box() -> None:
@@ -24,6 +28,24 @@ def test_it_goes_where_it_is_told_and_says_where_that_is() -> None:
     pose = fake.move_to(command)
     np.testing.assert_array_equal(fake.joint_positions, command)
     np.testing.assert_array_equal(pose, robot.forward_kinematics.poses(command[np.newaxis])[0])
+
+
+def test_a_continuous_joint_may_be_commanded_in_any_turn() -> None:
+    """Its backlash is where it was after a full turn."""
+    robot = load_robot(CONTINUOUS_URDF, **OPTIONS)
+    imperfections = dataclasses.replace(Imperfections.none(6), backlash=np.full(6, 0.02))
+    fake = FakeRobot(robot, imperfections)
+    command = robot.joint_box.centre
+    command[0] = 3.13
+    fake.move_to(command)
+    # Backwards by less than the backlash: the arm stays, whatever turn the command counts.
+    command[0] -= 0.01
+    there = fake.move_to(command)
+    for turns in (-1, 5, 1000):
+        command = command.copy()
+        command[0] = 3.12 + 2 * np.pi * turns
+        np.testing.assert_allclose(fake.move_to(command), there, atol=1e-9)
+        np.testing.assert_array_equal(fake.joint_positions, command)
 
 
 @pytest.mark.parametrize("value", [-0.001, 1.6, np.nan, np.inf])
