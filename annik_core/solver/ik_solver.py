@@ -222,9 +222,10 @@ class IkSolver:
         self, target: FloatArray, network_solution: FloatArray, previous: FloatArray | None
     ) -> Candidate:
         robot = self.robot
-        candidate = Candidate(robot, target, network_solution)
         # What is not finite is not refined: such a network is broken.
-        if self.refines and all(map(math.isfinite, network_solution.tolist())):
+        if not self.refines or not all(map(math.isfinite, network_solution.tolist())):
+            candidate = Candidate(robot, target, network_solution)
+        else:
             start = network_solution
             if self.seed_from_previous and previous is not None:
                 start = min(

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from annik_core.errors import InvalidValue
 from annik_core.model.artifact import default_model_path
 from annik_core.pose import POSE_FIELDS, FloatArray, pose_from_roll_pitch_yaw
+from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.library import load_robot
 from annik_core.safety import (
     COMMAND_CHECKS,
@@ -374,3 +375,44 @@ def test_the_speed_along_a_path_is_that_of_its_interval() -> None:
     bench.now += 1.0
     bench.measured = bench.joint_positions(POSES[10])
     assert bench.server.solve(POSES[10]).accepted
+
+
+def test_the_velocity_after_a_path_counts_from_its_command() -> None:
+    """Not from the command before it, which would allow any step."""
+    bench = Bench(CommandSafety(max_joint_velocity=0.5))
+    assert bench.server.solve(POSES[0]).accepted
+    bench.now += 100.0
+    assert bench.server.solve_path(POSES[:2], 1.0, max_poses=100).refusal is None
+    bench.now += 0.01
+    refused = bench.server.solve(POSES[10])
+    assert refused.status is IkStatus.JOINT_VELOCITY_TOO_LARGE
+    assert "0.01 s" in refused.reason
+    step = np.abs(bench.joint_positions(POSES[10]) - bench.joint_positions(POSES[1])).max()
+    bench.now += 2.0 * step
+    assert bench.server.solve(POSES[10]).accepted
+
+
+@pytest.mark.parametrize("rule", list(FirstCommandRule))
+@pytest.mark.parametrize(("roll", "yaw"), [(0.2, 1.2), (1.3, 0.4), (0.1, 0.1)])
+def test_the_first_command_stays_with_the_robot_where_the_pose_leaves_a_choice(
+    rule: FirstCommandRule, roll: float, yaw: float
+) -> None:
+    """At a pitch of 90 degrees, where only the difference of yaw and roll is determined."""
+    bench = Bench(CommandSafety(first_command=rule, max_first_step=1e-3))
+    kinematics = bench.server.solver.robot.forward_kinematics
+    assert isinstance(kinematics, GantryKinematics)
+    task = np.array([[0.3, 0.3, 0.6, roll, math.pi / 2, yaw]])
+    bench.measured = kinematics.joint_positions(task)[0]
+    result = bench.server.solve(kinematics.poses(bench.measured[np.newaxis])[0])
+    np.testing.assert_allclose(result.joint_positions, bench.measured, atol=1e-5)
+
+
+def test_the_first_step_is_limited_from_the_measured_robot_by_every_rule() -> None:
+    """max_joint_step limits it too, however free the first command is."""
+    bench = Bench(CommandSafety(first_command=FirstCommandRule.FREE))
+    bench.server.solver = replace(
+        bench.server.solver, limits=AcceptanceLimits(max_joint_step=0.05)
+    )
+    bench.measured = bench.joint_positions(POSES[0])
+    assert bench.server.solve(POSES[10]).status is IkStatus.JOINT_STEP_TOO_LARGE
+    assert bench.server.solve(POSES[0]).accepted

@@ -145,6 +145,31 @@ class TestWorkspace:
         assert named in violation
         assert "workspace is [" in violation
 
+    @pytest.mark.parametrize("axis", [3, 5], ids=["roll", "yaw"])
+    @pytest.mark.parametrize("end", [0.0, np.pi / 2])
+    def test_is_as_wide_as_rounding_makes_it_near_the_pitch_edge(
+        self, gantry: Robot, axis: int, end: float
+    ) -> None:
+        """A micro-radian over the cosine of the pitch, for roll and yaw but not for the pitch."""
+        outwards = 1.0 if end else -1.0
+        for from_edge, beyond, inside in (
+            (1e-3, 0.9e-3, True),
+            (1e-3, 1.1e-3, False),
+            (1e-2, 0.9e-4, True),
+            (1e-2, 1.1e-4, False),
+            (1.0, 0.9e-6, True),
+            (1.0, 1.5e-6, False),
+        ):
+            task = np.array([0.3, 0.3, 0.6, 0.7, np.pi / 2 - from_edge, 0.7])
+            task[axis] = end + outwards * beyond
+            pose = pose_from_roll_pitch_yaw(task[:3], task[3:])
+            violation = gantry.workspace.resolve(pose, None).violation
+            assert (violation is None) == inside, (from_edge, beyond)
+            if violation is not None:
+                assert ("roll", "pitch", "yaw")[axis - 3] in violation
+        pose = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], [0.7, -1e-5, 0.7])
+        assert "pitch" in str(gantry.workspace.resolve(pose, None).violation)
+
 
 class TestGimbalEdge:
     """At a pitch of 90 degrees roll and yaw are not unique."""

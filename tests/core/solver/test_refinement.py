@@ -300,3 +300,32 @@ def test_a_start_that_is_not_finite_is_not_searched_from() -> None:
     result = refinement_of(robot).refine(start, target)
     assert not result.converged
     assert result.newton_steps == 0
+
+
+@pytest.mark.parametrize("nearer", ["from the start", "from the end"])
+def test_of_two_starts_beyond_singularities_the_nearer_to_the_target_is_tried_first(
+    monkeypatch: pytest.MonkeyPatch, nearer: str
+) -> None:
+    robot = load_robot(planar_arm())
+    begin, end = np.array([0.1, 0.5, 0.0]), np.array([0.2, 0.1, 0.0])
+    goal = np.array([0.1, -0.6, 0.0])
+    near, far = goal + 0.1, goal + 0.9
+    beyond = (near, far) if nearer == "from the start" else (far, near)
+    target = robot.forward_kinematics.poses(goal[np.newaxis])[0]
+    searched: list[FloatArray] = []
+
+    def reflected(jacobian: object, positions: FloatArray, free: object) -> FloatArray:
+        return beyond[0] if np.array_equal(positions, begin) else beyond[1]
+
+    def search(
+        self: Refinement, start: FloatArray, target: FloatArray, most: int
+    ) -> RefinementResult:
+        searched.append(start)
+        return RefinementResult(end, 1.0, 1.0, 1, False)
+
+    monkeypatch.setattr(refinement, "reflected_across_singularity", reflected)
+    monkeypatch.setattr(Refinement, "_search", search)
+    result = refinement_of(robot).refine(begin, target)
+    assert not result.converged
+    assert result.newton_steps == 3
+    np.testing.assert_array_equal(searched, [begin, near, far])
