@@ -9,6 +9,7 @@ results and the pictures of a demo are included, with ``--learn FOLDER`` those o
 from __future__ import annotations
 
 import argparse
+import inspect
 import json
 import math
 import re
@@ -16,6 +17,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,36 @@ def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """A Markdown table."""
     lines = [header, ("---",) * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def api() -> str:
+    """The public names of the packages, with their parameters and their first sentence."""
+    parts = []
+    for package in ("annik_core", "annik_training", "msg_tools"):
+        module = import_module(package)
+        rows = []
+        for name in module.__all__:
+            value = getattr(module, name)
+            parameters = _parameters(value) if inspect.isfunction(value) else ""
+            sentence = str(inspect.getdoc(value)).partition("\n\n")[0]
+            rows.append((f"`{name}{parameters}`", _as_markdown(sentence)))
+        parts.append(f"## {package}\n\n{table(('name', 'what it is'), rows)}")
+    return "\n\n".join(parts)
+
+
+def _parameters(function: Callable[..., object]) -> str:
+    """The parameters of a function without their types."""
+    signature = inspect.signature(function)
+    untyped = [
+        parameter.replace(annotation=inspect.Parameter.empty)
+        for parameter in signature.parameters.values()
+    ]
+    return str(signature.replace(parameters=untyped, return_annotation=inspect.Signature.empty))
+
+
+def _as_markdown(sentence: str) -> str:
+    """A sentence of a docstring in Markdown, on one line."""
+    return re.sub(r":\w+:`~?([^`]*)`", r"`\1`", " ".join(sentence.split())).replace("``", "`")
 
 
 def topics() -> str:
@@ -225,6 +257,7 @@ def _when(row: Parameter) -> str:
 
 PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     README: {"topics": topics},
+    DOCS / "api.md": {"api": api},
     DOCS / "ros_interface.md": {
         "topics": topics,
         "services": services,

@@ -176,7 +176,7 @@ def nodes() -> set[str]:
 
 def wrong_options(command: click.Command, words: list[str], name: str) -> list[str]:
     """Options among the words that neither the command nor its subcommand has."""
-    context = click.Context(command, info_name=name)
+    context = click.Context(command, info_name=name, **command.context_settings)
     while isinstance(command, click.Group) and words and not words[0].startswith("-"):
         first = re.sub(r"[^\w-].*", "", words[0])
         if not first or first.isupper() or first in {"ARGUMENTS", "for"}:
@@ -185,7 +185,7 @@ def wrong_options(command: click.Command, words: list[str], name: str) -> list[s
         if sub is None:
             return [f"{name} {first}"]
         command, words, name = sub, words[1:], f"{name} {first}"
-        context = click.Context(command, info_name=name)
+        context = click.Context(command, info_name=name, **command.context_settings)
     known = {"--help", "-h", "--version"}
     for parameter in command.get_params(context):
         known |= {*parameter.opts, *parameter.secondary_opts}

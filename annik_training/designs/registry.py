@@ -247,7 +247,7 @@ def make_design(
     subject: DesignSubject,
     design: str,
     size: int,
-    seed: int,
+    seed: int = 0,
     options: Mapping[str, Any] | None = None,
 ) -> FloatArray:
     """Joint positions ``(n, dof)`` [rad or m] of a design of experiments.

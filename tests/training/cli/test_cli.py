@@ -60,6 +60,7 @@ def test_help_names_every_command_and_says_what_it_does() -> None:
         assert sentence in " ".join(helped.output.split())
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("arguments", "forbidden"),
     [
@@ -363,6 +364,7 @@ def test_evaluate_prints_the_errors_of_a_model() -> None:
     assert "5000 random poses" in result.output
 
 
+@pytest.mark.process
 def test_a_missing_library_is_named_with_what_installs_it() -> None:
     script = (
         "import sys\n"

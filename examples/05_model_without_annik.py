@@ -1,6 +1,6 @@
-"""Use a model with nothing but onnxruntime: pose in, joint positions out. See docs/artifact.md.
+"""Use a model file with nothing but onnxruntime: pose in, joint positions out; docs/artifact.md.
 
-Nothing is checked here; annik_core.IkSolver checks limits, workspace and residual.
+Nothing is checked or refined here; annik_core.IkSolver does that.
 """
 
 import json
@@ -14,7 +14,7 @@ packaged = Path(__file__).parents[1] / "models" / "gantry.onnx"
 session = onnxruntime.InferenceSession(sys.argv[1] if sys.argv[1:] else packaged)
 metadata = session.get_modelmeta().custom_metadata_map
 
-# x, y, z [m] and the unit quaternion x, y, z, w; as many rows as you like.
+# x, y, z [m] and unit quaternion x, y, z, w; any number of rows.
 pose = np.array([[0.35, 0.35, 0.65, 0.0, 0.0, np.sin(0.25), np.cos(0.25)]])
 (joint_positions,) = session.run(["joint_positions"], {"pose": pose})
 
