@@ -20,7 +20,7 @@ from msg_tools.conversions.pose import pose_from_array
 from msg_tools.topics import JOINT_COMMAND, TARGET_POSE
 
 #: Longest wait for a command [s]; a loaded machine is slow to start Python.
-TIMEOUT = 20.0
+TIMEOUT = 60.0
 #: Time between two targets [s] until the first command: before discovery, targets are lost.
 _PERIOD = 0.05
 #: Time without a command [s] after which none is on its way any more.

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import ast
-import subprocess
-import sys
 from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-from support.processes import PATIENCE
+from support.processes import LONG_PATIENCE, run_python
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("annik_core", "annik_training", "msg_tools", "annik_ros")
@@ -189,9 +187,7 @@ def test_importing_a_module_loads_nothing_forbidden(package: str) -> None:
         "        os._exit(bool(found))\n"
         "    if os.waitpid(child, 0)[1] != 0: print(module, 'failed', flush=True)\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE
-    )
+    result = run_python("-c", script, patience=LONG_PATIENCE)
     assert result.stdout == "", result.stdout + result.stderr
     assert result.returncode == 0, result.stderr
 
@@ -259,7 +255,5 @@ def test_serving_the_gantry_loads_no_library_that_it_can_do_without() -> None:
         "assert server.solve(pose).accepted\n"
         "print(sorted(set(sys.modules) - before), {'scipy', 'pinocchio'} & set(sys.modules))\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE
-    )
+    result = run_python("-c", script)
     assert result.stdout == "[] set()\n", result.stdout + result.stderr

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from support.processes import PATIENCE
+from support.processes import run_python
 
 from annik_core.model import artifact
 from annik_ros import doctor
@@ -78,15 +76,10 @@ def test_the_exit_code_says_whether_something_is_wrong(
 
 
 @pytest.mark.ros
+@pytest.mark.process
 def test_a_target_makes_its_round_trip() -> None:
     """To an ik_node that the doctor starts, and ends."""
     pytest.importorskip("rclpy")
-    result = subprocess.run(
-        [sys.executable, "-m", "annik_ros.doctor"],
-        env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
+    result = run_python("-m", "annik_ros.doctor")
     assert result.returncode == 0, result.stdout + result.stderr
     assert "first command of ik_node" in result.stdout

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
 import pytest
 import yaml
+from support.processes import run_python
 
 from annik_core.errors import InvalidValue
 from annik_core.safety import AcceptanceLimits, CommandSafety
@@ -98,7 +97,7 @@ def test_every_default_is_finite(row: Parameter) -> None:
 def test_the_tables_need_no_ros() -> None:
     """So that documentation can be generated anywhere."""
     code = "import sys, annik_ros.parameter_tables; sys.exit('rclpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert run_python("-c", code).returncode == 0
 
 
 @pytest.mark.parametrize("node", PARAMETER_TABLES)
@@ -226,9 +225,7 @@ def test_a_stale_parameter_file_is_found() -> None:
         "import sys; from docs import update_docs; sys.argv = ['update_docs', '--check']; "
         "update_docs.parameter_file = lambda node: 'stale'; update_docs.main()"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    result = run_python("-c", code)
     assert result.returncode == 1
     for node in PARAMETER_TABLES:
         assert f"config/{node}.yaml" in result.stderr

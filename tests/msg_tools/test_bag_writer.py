@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from textwrap import dedent
 
@@ -23,7 +21,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import Reader
-from support.processes import PATIENCE
+from support.processes import run_python
 from support.robot_recording import START_NS, RobotRecording, make
 
 from annik_core.errors import NotWritable
@@ -228,13 +226,7 @@ def test_what_was_written_before_the_disk_was_full_is_kept(tmp_path: Path) -> No
             print(flushed, error.reason)
         """
     )
-    output = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path / "bag")],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=PATIENCE,
-    ).stdout
+    output = run_python("-c", program, tmp_path / "bag").stdout
     assert os.strerror(errno.EFBIG) in output
     bag = read_bag(tmp_path / "bag")
     assert bag.message_count == int(output.split()[0]) > 1000

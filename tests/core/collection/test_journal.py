@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.collection_plans import small_plan
-from support.processes import PATIENCE
+from support.processes import run_python
 
 from annik_core.collection.errors import JournalMismatch
 from annik_core.collection.journal import (
@@ -189,8 +187,8 @@ def test_a_journal_is_open_once_and_its_lock_goes_with_the_process(plan, tmp_pat
         f"log = AppendLog(Path({str(path)!r}))\n"
         "print('open', flush=True); os.kill(os.getpid(), 9)"
     )
-    killed = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=PATIENCE)
-    assert killed.stdout == b"open\n"
+    killed = run_python("-c", script)
+    assert killed.stdout == "open\n"
     CollectionJournal(path, plan, SAMPLES).close()
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from support.processes import run_python
 
 from annik_core.errors import AnnikError
 from annik_core.installation import share_directory
@@ -77,9 +77,7 @@ def test_help_and_report_load_nothing_heavy(arguments: list[str], forbidden: set
         f"cli({arguments!r}, standalone_mode=False)\n"
         f"print(sorted({forbidden!r} & set(sys.modules)))\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
-    )
+    result = run_python("-c", script)
     assert result.stdout.endswith("[]\n"), result.stdout + result.stderr
 
 
@@ -374,9 +372,7 @@ def test_a_missing_library_is_named_with_what_installs_it() -> None:
         "from annik_training.cli import main\n"
         "main()\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60
-    )
+    result = run_python("-c", script)
     assert result.returncode == 1
     (line,) = result.stderr.splitlines()
     assert line.startswith("annik: ")
