@@ -190,13 +190,13 @@ def learn(results: Mapping[str, object]) -> str:
     fit = _mapping(results["fit"])
     rows = [
         ("measured poses", f"{fit['examples']}"),
-        ("learned in, without the network that answers begin at", f"{fit['seconds']:.1f} s"),
+        ("calibration, without the training of the network", f"{fit['seconds']:.1f} s"),
     ]
-    for model in ("nominal", "learned"):
-        driven: Any = results[model]
+    for model, name in (("nominal", "nominal"), ("calibrated", "learned")):
+        driven: Any = results[name]
         rows += [
             (
-                f"{model} model: targets sent / answered",
+                f"{model} model: targets sent / solved",
                 f"{driven['targets_sent']} / {driven['targets_answered']}",
             ),
             (

@@ -1,31 +1,30 @@
-"""The whole of annik in one command: train, serve, drive the fake robot, record, report.
+"""All of annik in one command: train, serve, drive the fake robot, record, report.
 
 Each part runs as its user would run it, in a process of its own: the ``annik`` command line for
-the training, the four nodes over DDS. Training is not imported here, since what drives a robot
-does not need torch.
+the training, the four nodes over DDS.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
+import click
 from rich.console import Console
 
 from annik_core.files import write_files_atomically
 from examples.demonstration import (
-    demonstration_parser,
     drive,
     make_empty,
+    out_option,
     processes,
     run_demonstration,
 )
 from msg_tools.report.table import print_report
 from msg_tools.report.write import write_report
 
-#: Every 2 mm of the paper's diagonal; each tenth is one of its 15 points.
+#: A target every 2 mm of the paper's diagonal; each tenth is one of its 15 points.
 POINTS = 141
 RATE = 50.0
 STEPS = 6
@@ -34,15 +33,15 @@ _TRAINING_TIMEOUT = 600.0
 
 
 def run_demo(folder: Path, console: Console) -> str:
-    """Run the demo and leave everything it makes in a folder.
+    """Run the demo.
 
     Args:
-        folder: gets ``model.onnx``, ``bag/``, ``report.html``, pictures, ``results.json`` and the
-            ``logs/`` of the processes. What an earlier demo left there is removed.
-        console: told of the progress.
+        folder: for ``model.onnx``, ``bag/``, ``report.html``, pictures, ``results.json`` and the
+            ``logs/`` of the processes. The files of an earlier demo there are removed.
+        console: for progress messages.
 
     Returns:
-        Where to look.
+        Where the results are.
 
     Raises:
         AnnikError: if a part fails; names it and shows the end of its log.
@@ -79,12 +78,12 @@ def _train(model: Path, logs: Path, console: Console) -> dict[str, Any]:
     return training
 
 
-def main() -> int:
-    """Run the demo; returns the exit code."""
-    parser = demonstration_parser("Train, serve, drive, record and report.", Path("build/demo"))
-    folder = parser.parse_args().out
-    return run_demonstration("demo", lambda console: run_demo(folder, console))
+@click.command()
+@out_option("build/demo")
+def main(out: Path) -> None:
+    """Train on 179 examples, drive the fake robot over ROS 2, record and report."""
+    run_demonstration("demo", lambda console: run_demo(out, console))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

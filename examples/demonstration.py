@@ -1,8 +1,7 @@
-"""What the demonstrations share: a folder of their own, processes, signals, an exit code."""
+"""Shared by the demonstrations: output folder, processes, signals, exit code."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import signal
@@ -11,8 +10,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
+import click
 from rich.console import Console
 
 from annik_core.errors import AnnikError
@@ -20,24 +20,24 @@ from annik_ros.processes import ChildProcess, end_all, wait_until
 from msg_tools.bags.reader import read_bag
 from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
 
-#: How long a node may take to be ready, and to end [s]; a loaded machine is slow to start Python.
+#: Longest time that a node may take to start and to end [s]; a loaded machine is slow.
 START_TIMEOUT = 120.0
 END_TIMEOUT = 60.0
 
-#: Its presence says that the folder may be emptied.
+#: File that marks a folder which may be emptied.
 _MARKER = ".annik_demo"
 
 
 class Processes:
-    """Starts processes, whose logs are in one folder and whose ROS domain is theirs alone."""
+    """Starts processes with a log folder and a ROS domain of their own."""
 
     def __init__(self, logs: Path, stack: ExitStack) -> None:
-        """``stack`` ends them."""
+        """Start processes that end with ``stack``."""
         self._logs = logs
         self._stack = stack
         self._environment = {
             **os.environ,
-            # A demonstration commands a robot: it must not be heard by a real one on the network.
+            # The commands must not reach a real robot on the network.
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
         }
@@ -79,10 +79,10 @@ def drive(
 
     Args:
         started: starts the four nodes.
-        name: goes before the names of their logs.
+        name: prefix of the names of their logs.
         bag: folder of the recording.
-        targets: how many there are.
-        rate: of the targets [Hz].
+        targets: number of targets.
+        rate: rate of the targets [Hz].
         solver: parameters of ``ik_node``.
         robot: parameters of ``fake_robot``.
         path: parameters of ``target_publisher``.
@@ -92,7 +92,7 @@ def drive(
     """
     fake_robot = started.node(f"{name}fake_robot", "annik_ros.fake_robot.node", **robot)
     recorder = started.node(f"{name}bag_recorder", "annik_ros.bag_recorder.node", output=bag)
-    # A controller wants the newest target; a measurement wants all of them.
+    # A queue for all targets: the default keeps only the newest.
     ik_node = started.node(f"{name}ik_node", "annik_ros.ik_node.node", queue_depth=100, **solver)
     fake_robot.wait_for_text("joint_command -> joint_states", START_TIMEOUT)
     ik_node.wait_for_text("target_pose -> joint_command", START_TIMEOUT)
@@ -111,13 +111,13 @@ def drive(
 
 
 def make_empty(folder: Path) -> Path:
-    """Make the folder, or empty it if an earlier run made it; never delete anything else.
+    """Make a folder, or empty it if an earlier run made it.
 
     Returns:
-        The folder in it for logs.
+        Its folder for logs.
 
     Raises:
-        AnnikError: if it is the folder of something else, or can't be emptied.
+        AnnikError: if no earlier run made the folder, or it can't be emptied.
     """
     marker = folder / _MARKER
     try:
@@ -136,53 +136,54 @@ def make_empty(folder: Path) -> Path:
     return logs
 
 
-def demonstration_parser(description: str, folder: Path) -> argparse.ArgumentParser:
-    """The command line of a demonstration; ``folder`` is what ``--out`` is by default."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--out", type=Path, default=folder, help="folder to fill")
-    return parser
+def out_option(folder: str) -> Callable[[Any], Any]:
+    """The option ``--out`` of a demonstration, with its default."""
+    return click.option(
+        "--out",
+        type=click.Path(path_type=Path),
+        default=Path(folder),
+        show_default=True,
+        help="Folder for everything that it makes.",
+    )
 
 
-def run_demonstration(name: str, run: Callable[[Console], str]) -> int:
-    """Run a demonstration as a program.
+def run_demonstration(name: str, run: Callable[[Console], str]) -> NoReturn:
+    """Run a demonstration as a program, and exit.
 
     Args:
-        name: what to call it in an error.
-        run: does it, tells the console of its progress, and says where to look.
-
-    Returns:
-        The exit code.
+        name: name in an error message.
+        run: prints progress to the console, and returns where the results are.
     """
     console = Console()
-    # A shell that starts it in the background has SIGINT ignored.
+    # In a shell's background SIGINT is ignored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _on_termination)
     try:
         result = run(console)
     except KeyboardInterrupt:
-        return 128 + signal.SIGINT
+        sys.exit(128 + signal.SIGINT)
     except AnnikError as error:
         print(f"{name}: {error}", file=sys.stderr)
-        return 1
+        sys.exit(1)
     finally:
         end_all()
     console.print(result)
-    return 0
+    sys.exit(0)
 
 
 def _recorded_errors(bag: Path) -> int:
-    """How many targets the bag, still being written, holds both errors of."""
+    """Number of targets of which the bag, still being written, has both errors."""
     topics = read_bag(bag).topics
     names = (f"/{topic.name}" for topic in (POSITION_ERROR, ORIENTATION_ERROR))
     return min(topics[name].message_count if name in topics else 0 for name in names)
 
 
 def _as_ros(value: object) -> str:
-    """As ROS reads it from a command line, which knows ``true``, not ``True``."""
+    """A value as ROS reads it from a command line: ``true``, not ``True``."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _on_termination(signal_number: int, frame: FrameType | None) -> NoReturn:
-    # An exception, so that the processes started are ended on the way out.
+    # An exception, so that the started processes are ended.
     raise SystemExit(128 + signal_number)

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 from rich.console import Console
 
@@ -24,9 +24,9 @@ from annik_core.target_paths import CSV_COLUMNS
 from examples.demonstration import (
     END_TIMEOUT,
     START_TIMEOUT,
-    demonstration_parser,
     drive,
     make_empty,
+    out_option,
     processes,
     run_demonstration,
 )
@@ -35,15 +35,15 @@ from msg_tools.report.tracking import TrackingReport
 from msg_tools.report.write import write_report
 
 ROBOT = "ur5e"
-#: Which robot the fake one is: it draws its errors by it.
+#: Seed of the simulated robot's errors.
 ROBOT_SEED = 7
 EXAMPLES = 102
 POINTS = 201
 RATE = 50.0
-#: Of the half width of the working box, how far the path goes from its middle. Farther, it comes
-#: to a singularity of the arm, beyond which a real one may not reach what the nominal one does.
+#: Amplitude of the path in half widths of the joint box. A larger one comes to a singularity,
+#: beyond which the real arm may not reach what the nominal arm does.
 _AMPLITUDE = 0.6
-#: A robot with nothing to move needs no time [rad/s, rad/s^2].
+#: Limits of the simulated robot, which has no mass [rad/s, rad/s^2].
 _VELOCITY, _ACCELERATION = 20.0, 500.0
 _MEASUREMENT_RATE = 200.0
 _COLLECT_TIMEOUT = 900.0
@@ -51,17 +51,17 @@ _FIT_TIMEOUT = 900.0
 
 
 def run_learn(folder: Path, examples: int, console: Console) -> str:
-    """Run it and leave everything it makes in a folder.
+    """Run the demonstration.
 
     Args:
-        folder: gets ``plan.npz``, ``measured.npz`` and its journal, ``learned.onnx``, the bags
-            and reports ``before/`` and ``after/``, ``before_and_after.png``, ``results.json`` and
+        folder: for ``plan.npz``, ``measured.npz`` and its journal, ``learned.onnx``, the bags
+            and reports ``nominal/`` and ``learned/``, ``before_and_after.png``, ``results.json`` and
             ``logs/``.
-        examples: how many poses to measure.
-        console: told of the progress.
+        examples: number of poses to measure.
+        console: for progress messages.
 
     Returns:
-        Where to look.
+        Where the results are.
 
     Raises:
         AnnikError: if a part fails; names it and shows the end of its log.
@@ -97,16 +97,16 @@ def run_learn(folder: Path, examples: int, console: Console) -> str:
             measurement_timeout=10.0,
         ).wait(_COLLECT_TIMEOUT)
         fake_robot.interrupt(END_TIMEOUT)
-    console.print(f"measured {examples} poses of a {ROBOT} that is not as described")
+    console.print(f"measured {examples} poses of a {ROBOT} with errors")
     summary = folder / "fit.json"
-    with console.status("learning the robot"), processes(logs) as started:
+    with console.status("calibrating the robot"), processes(logs) as started:
         started.annik(
             "calibrate",
             *("calibrate", "--measured", str(measured), "--nominal", ROBOT),
             *("--out", str(model), "--summary", str(summary)),
         ).wait(_FIT_TIMEOUT)
     fit: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
-    console.print(f"learned {', '.join(fit['parts'])} in {fit['seconds']:.1f} s")
+    console.print(f"calibrated {', '.join(fit['parts'])} in {fit['seconds']:.1f} s")
     targets = folder / "targets.csv"
     _write_targets(load_robot(ROBOT), targets)
     reports = {
@@ -123,12 +123,12 @@ def run_learn(folder: Path, examples: int, console: Console) -> str:
 
 
 def _write_targets(robot: Robot, path: Path) -> None:
-    """A closed path through the working box, from its middle, each joint at its own pace."""
+    """A closed path through the joint box, from its centre, each joint at its own frequency."""
     box = robot.joint_box
     turns = 2.0 * np.pi * np.linspace(0.0, 1.0, POINTS)[:, np.newaxis]
-    paces = 1 + np.arange(robot.dof) % 3
+    frequencies = 1 + np.arange(robot.dof) % 3
     half = 0.5 * (box.upper - box.lower)
-    joint_positions = box.centre + _AMPLITUDE * half * np.sin(turns * paces)
+    joint_positions = box.centre + _AMPLITUDE * half * np.sin(turns * frequencies)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(CSV_COLUMNS)
@@ -144,7 +144,7 @@ def _drive(
     logs: Path,
     console: Console,
 ) -> TrackingReport:
-    """Drive the same robot with a model, and report."""
+    """Drive the robot with a model, and report."""
     out = folder / name
     with console.status(f"driving with the {name} model"), processes(logs) as started:
         path: dict[str, object] = {"path": "csv", "csv_file": targets}
@@ -158,15 +158,19 @@ def _drive(
     return report
 
 
-def main() -> int:
-    """Run it; returns the exit code."""
-    parser = demonstration_parser("Measure, learn and drive a robot.", Path("build/learn"))
-    parser.add_argument("--examples", type=int, default=EXAMPLES, help="how many poses to measure")
-    arguments = parser.parse_args()
-    return run_demonstration(
-        "learn", lambda console: run_learn(arguments.out, arguments.examples, console)
-    )
+@click.command()
+@out_option("build/learn")
+@click.option(
+    "--examples",
+    type=click.IntRange(1),
+    default=EXAMPLES,
+    show_default=True,
+    help="Number of poses to measure.",
+)
+def main(out: Path, examples: int) -> None:
+    """Measure, calibrate and drive a simulated robot; before and after."""
+    run_demonstration("learn", lambda console: run_learn(out, examples, console))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -16,7 +16,7 @@ from annik_core.robots.robot import Robot
 from annik_core.robots.urdf import CONTINUOUS_LIMIT
 from annik_training.cli.options import FILE, chosen_robot, robot_argument, write
 from annik_training.designs.sampling import random_dataset
-from annik_training.fitting.branches import branch_signs
+from annik_training.fitting.branches import branch_signs, has_branches
 
 _SAMPLES = 5000
 #: From this width on, both ends of a joint's interval are nearly the same position [rad].
@@ -55,7 +55,7 @@ def robot(save: Path | None, **choices: Any) -> None:
 
 def _branches(robot: Robot) -> str:
     """One line on how much of the joint box lies on which side of a singularity."""
-    if robot.kind != "arm":
+    if not has_branches(robot):
         return "one branch: every pose of the workspace has one solution"
     widths = robot.joint_box.upper - robot.joint_box.lower
     for name, kind, width in zip(robot.joint_names, robot.joint_types, widths, strict=True):

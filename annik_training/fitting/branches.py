@@ -21,6 +21,11 @@ from annik_core.solver.singularity import reflected_across_singularity
 _STEPS = 40
 
 
+def has_branches(robot: Robot) -> bool:
+    """Whether a pose may have several solutions: so with arms; the gantry has one."""
+    return robot.kind == "arm"
+
+
 def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None:
     """Signs ``(n,)`` of the Jacobian's determinant at joint positions ``(n, dof)``.
 
@@ -29,7 +34,7 @@ def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None
         joints are free: its Jacobian has no determinant.
     """
     free = robot.joint_box.free
-    if robot.kind != "arm" or len(free) != 6:
+    if not has_branches(robot) or len(free) != 6:
         return None
     jacobians = robot.forward_kinematics.jacobians(joint_positions)[:, :, free]
     signs: FloatArray = np.where(np.linalg.det(jacobians) < 0.0, -1.0, 1.0)

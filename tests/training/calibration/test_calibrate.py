@@ -1,4 +1,4 @@
-"""Learning a robot from measured poses, against an oracle that shares nothing with it. ROS-free.
+"""Calibration with measured poses, against an oracle that shares nothing with it. ROS-free.
 
 The truth is :mod:`imperfect_ur5e`, so what comes out is compared with the robot itself, not with
 measurements of it.

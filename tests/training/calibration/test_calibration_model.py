@@ -1,4 +1,4 @@
-"""The gray-box model, its fit, and what a fit says of examples that it has not seen. ROS-free."""
+"""The parametric model, its estimate, and leave-one-out residuals. ROS-free."""
 
 from __future__ import annotations
 
@@ -106,8 +106,9 @@ class TestModel:
         data = model.corrections(np.zeros(model.size)).to_dict()
         learned = robot_from_definition({**nominal.definition, "corrections": data}, "x")
         for robot in (learned, gantry):
-            with pytest.raises(UnsupportedRobot, match=robot.name):
+            with pytest.raises(UnsupportedRobot) as caught:
                 nominal_kinematics(robot)
+            assert robot.name in caught.value.robot
 
 
 class TestFit:
@@ -227,10 +228,12 @@ class TestObservations:
         dataset = measured_ur5e(ImperfectUr5e.drawn(1), 8)
         poses = dataset.poses.copy()
         poses[3, 5] = number
-        with pytest.raises(NonFiniteValue, match="row 3 of the poses is"):
+        with pytest.raises(NonFiniteValue) as caught:
             Observations.of(replace(dataset, poses=poses))
+        assert caught.value.field == "row 3 of the poses"
         assert len(Observations.of(replace(dataset, poses=poses), position_only=True)) == 8
         joint_positions = dataset.joint_positions.copy()
         joint_positions[2, 1] = number
-        with pytest.raises(NonFiniteValue, match="row 2 of the joint positions is"):
+        with pytest.raises(NonFiniteValue) as caught:
             Observations.of(replace(dataset, joint_positions=joint_positions))
+        assert caught.value.field == "row 2 of the joint positions"

@@ -129,20 +129,20 @@ class TestTampering:
     """Corrections in a model file are part of what the robot's hash is about."""
 
     @pytest.mark.parametrize(
-        ("entry", "value", "problem"),
+        ("entry", "value", "key"),
         [
             ("placements", [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 7, "robot_hash"),
-            ("placements", [[0.0] * 7] * 7, "corrections.placements are not"),
-            ("placements", None, "corrections.placements: text"),
+            ("placements", [[0.0] * 7] * 7, "robot"),
+            ("placements", None, "robot"),
             ("joint_networks", None, "robot_hash"),
-            ("joint_networks", {}, "corrections.joint_networks.biases is missing"),
+            ("joint_networks", {}, "robot"),
             ("error_bound", None, "robot_hash"),
             ("provenance", {"examples": 1000}, "robot_hash"),
-            ("more", 1, "corrections.more is not one of"),
+            ("more", 1, "robot"),
         ],
     )
     def test_is_refused(
-        self, made: Made, tmp_path: Path, entry: str, value: Any, problem: str
+        self, made: Made, tmp_path: Path, entry: str, value: Any, key: str
     ) -> None:
         model = onnx.load(made.model)
         for prop in model.metadata_props:
@@ -151,15 +151,19 @@ class TestTampering:
                 definition["corrections"][entry] = value
                 prop.value = json.dumps(definition)
         onnx.save(model, tmp_path / "tampered.onnx")
-        with pytest.raises(InvalidMetadata, match=problem):
+        with pytest.raises(InvalidMetadata) as caught:
             load_model(tmp_path / "tampered.onnx")
+        assert caught.value.key == key
+        if key == "robot":
+            assert f"corrections.{entry}" in str(caught.value)
 
     def test_as_described_and_as_learned_it_is_one_robot(self, made: Made) -> None:
         """So that a node takes either in place of the other; but none of another arm."""
         learned = load_model(made.model, expected_robot=UR5E).robot
         assert learned.nominal_hash == UR5E.definition_hash != learned.definition_hash
-        with pytest.raises(RobotMismatch, match="ur5e"):
+        with pytest.raises(RobotMismatch) as caught:
             load_model(made.model, expected_robot=load_model("panda").robot)
+        assert "ur5e" in caught.value.found
 
 
 class TestEvaluate:
