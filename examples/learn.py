@@ -55,8 +55,8 @@ def run_learn(folder: Path, examples: int, console: Console) -> str:
 
     Args:
         folder: for ``plan.npz``, ``measured.npz`` and its journal, ``learned.onnx``, the bags
-            and reports ``nominal/`` and ``learned/``, ``before_and_after.png``, ``results.json`` and
-            ``logs/``.
+            and reports ``nominal/`` and ``learned/``, ``before_and_after.png``, ``results.json``
+            and ``logs/``.
         examples: number of poses to measure.
         console: for progress messages.
 

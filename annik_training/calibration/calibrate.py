@@ -197,14 +197,8 @@ def predicts_better(
     """Whether the flexible model's held-out errors are smaller by more than a standard error.
 
     The closed form for leaving one example out takes the networks for linear, and so flatters
-    flexible models. This cross-validation fits them to parts of the examples instead.
-
-    Args:
-        flexible: the model in question.
-        simple: the alternative.
-        observations: all examples without outliers.
-        noise: of the observations.
-        rng: draws the folds and the initial networks.
+    flexible models. This cross-validation fits both to parts of the examples instead; ``rng``
+    draws the parts and the initial networks.
     """
     fold = rng.permutation(len(observations)) % _FOLDS
     gains = np.subtract(
@@ -327,11 +321,9 @@ def _confirmed(
 
 
 def estimated_noise(found: Estimate, known: tuple[float, float] | None) -> Noise:
-    """Noise by the residuals of a fit and its degrees of freedom.
+    """Noise by the residuals of an estimate and its degrees of freedom.
 
-    Args:
-        found: the fit.
-        known: spread of the measurements [m], [rad], a lower bound.
+    The known spread of the measurements [m], [rad] is a lower bound.
     """
     squares, leverages = found.residuals**2, found.leverages
     taken = np.einsum("nrr->r", leverages)

@@ -14,11 +14,7 @@ class CalibrationError(AnnikError):
 
 
 class NotMeasured(CalibrationError):
-    """The poses of a dataset were computed, such as those of a plan.
-
-    Attributes:
-        path: the dataset.
-    """
+    """The poses of a dataset were computed, such as those of a plan."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -29,13 +25,7 @@ class NotMeasured(CalibrationError):
 
 
 class TooFewMeasurements(CalibrationError):
-    """There are fewer measured numbers than the geometry of the robot needs.
-
-    Attributes:
-        examples: number of measured poses, without outliers.
-        least: least number.
-        outliers: number of outliers.
-    """
+    """There are fewer measured poses, without outliers, than the geometry needs."""
 
     def __init__(self, examples: int, least: int, outliers: int) -> None:
         self.examples = examples
@@ -49,11 +39,7 @@ class TooFewMeasurements(CalibrationError):
 
 
 class UnexplainedMeasurements(CalibrationError):
-    """No model of the robot explains the measured poses.
-
-    Attributes:
-        finding: how the poses differ from those of the nearest model.
-    """
+    """No model of the robot explains the measured poses."""
 
     def __init__(self, finding: str) -> None:
         self.finding = finding
@@ -65,11 +51,7 @@ class UnexplainedMeasurements(CalibrationError):
 
 
 class ImplausibleErrors(CalibrationError):
-    """The calibrated robot is another one than the nominal robot.
-
-    Attributes:
-        names: the geometric errors that are too large, the largest first.
-    """
+    """The measured poses are those of another robot: these geometric errors are too large."""
 
     def __init__(self, names: Sequence[str], amounts: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -104,11 +86,7 @@ class DegenerateExamples(CalibrationError):
 
 
 class NotCalibrated(CalibrationError):
-    """The robot of a model was not calibrated.
-
-    Attributes:
-        robot: name of the robot.
-    """
+    """The robot of a model was not calibrated."""
 
     def __init__(self, robot: str) -> None:
         self.robot = robot
@@ -119,11 +97,7 @@ class NotCalibrated(CalibrationError):
 
 
 class NotHeldOut(CalibrationError):
-    """The robot of a model was calibrated with these very poses.
-
-    Attributes:
-        examples: number of poses.
-    """
+    """The robot of a model was calibrated with these very poses."""
 
     def __init__(self, examples: int) -> None:
         self.examples = examples

@@ -102,15 +102,7 @@ def estimate(
     start: FloatArray,
     max_evaluations: int = 100,
 ) -> Estimate:
-    """Estimate the parameters by Levenberg-Marquardt.
-
-    Args:
-        model: the model.
-        observations: the measured poses.
-        noise: of the observations.
-        start: ``(p,)`` initial parameters.
-        max_evaluations: most evaluations of the residuals.
-    """
+    """Estimate the parameters by Levenberg-Marquardt from initial ones ``(p,)``."""
     roots = np.sqrt(observations.weights)[:, None]
 
     def residual(parameters: FloatArray) -> FloatArray:

@@ -35,11 +35,7 @@ def find_outliers(
     of the geometry alone finds the gross outliers. Fits with joint networks to the remaining
     examples find the others, and accept those that only the simple model could not explain.
 
-    Args:
-        models: a stiff and a flexible model.
-        observations: all examples.
-        noise: assumed noise; only the ratio of position to orientation matters.
-        rng: draws the initial networks.
+    Of the noise only the ratio of position to orientation matters.
 
     Raises:
         UnexplainedMeasurements: if they are more than :data:`_MOST` of all.

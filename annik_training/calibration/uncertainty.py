@@ -104,9 +104,7 @@ def _unlearned_part(fitted: Estimate, joint_positions: FloatArray, index: int) -
 def _check_explained(fitted: Estimate, unlearned: FloatArray) -> None:
     """Refuse an estimate that is too far from the measurements or from the nominal robot.
 
-    Args:
-        fitted: the estimate.
-        unlearned: error to expect of a robot that was not measured, distance [m] and angle [rad].
+    ``unlearned`` is the error of a robot that was not measured, distance [m] and angle [rad].
 
     Raises:
         UnexplainedMeasurements: likewise.
@@ -146,11 +144,6 @@ def error_bound_of(
 
     By robots drawn from the posterior. Residuals beyond the noise of the measurements are added as
     independent errors of the robot at each pose.
-
-    Args:
-        fitted: the estimate.
-        measured_noise: of the measurements alone.
-        rng: for the draws.
     """
     model = fitted.model
     joint_positions = model.robot.joint_box.sample(_POSES, rng)

@@ -7,6 +7,7 @@ prints without colour.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, Final
 
@@ -22,7 +23,6 @@ from matplotlib.ticker import MaxNLocator
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_training.designs.diagnostics import DesignDiagnostics, ModelRank
-from annik_training.designs.plot_axis import JointAxis, joint_axes
 
 _BLUE: Final = "#0072B2"
 _VERMILLION: Final = "#D55E00"
@@ -81,7 +81,7 @@ def pair_figure(
         diagnostics: of these examples.
         title: one line.
     """
-    joints = joint_axes(joint_positions, box, joint_types)
+    joints = _joint_axes(joint_positions, box, joint_types)
     blind = {frozenset(pair) for pair in diagnostics.blind_interactions}
     panel = float(np.clip(_PANELS_WIDTH / len(joints), _LEAST_PANEL, _LARGEST_PANEL))
     figure = _figure(len(joints), panel)
@@ -122,7 +122,7 @@ def _add_panel(figure: Figure, panel: float, last: int, row: int, column: int) -
     return axes
 
 
-def _draw_pair(axes: Axes, across: JointAxis, up: JointAxis, is_blind: bool) -> None:
+def _draw_pair(axes: Axes, across: _JointAxis, up: _JointAxis, is_blind: bool) -> None:
     """Scatter plot of two joints; markers grow with the number of coinciding examples."""
     drawn = np.stack([across.positions, up.positions], axis=1)[:: _drawn_every(len(up.positions))]
     widths = np.array([across.upper - across.lower, up.upper - up.lower])
@@ -149,7 +149,7 @@ def _drawn_every(examples: int) -> int:
     return -(-examples // _MOST_DRAWN)
 
 
-def _draw_histogram(axes: Axes, joint: JointAxis) -> None:
+def _draw_histogram(axes: Axes, joint: _JointAxis) -> None:
     axes.hist(
         joint.positions, bins=_BINS, range=(joint.lower, joint.upper), color=_GREY, rwidth=0.85
     )
@@ -165,7 +165,7 @@ def _share_counts(histograms: Sequence[Axes]) -> None:
         axes.set_ylim(0.0, highest)
 
 
-def _label_across(axes: Axes, joint: JointAxis, panel: float, *, is_named: bool) -> None:
+def _label_across(axes: Axes, joint: _JointAxis, panel: float, *, is_named: bool) -> None:
     axes.set_xlim(joint.shown)
     axes.set_xticks(joint.ticks, labels=joint.numbers if is_named else [])
     if is_named:
@@ -184,7 +184,7 @@ def _keep_apart(numbers: Sequence[Text]) -> None:
     upper.set_horizontalalignment("right")
 
 
-def _label_up(axes: Axes, joint: JointAxis, panel: float, *, is_named: bool) -> None:
+def _label_up(axes: Axes, joint: _JointAxis, panel: float, *, is_named: bool) -> None:
     axes.set_ylim(joint.shown)
     axes.set_yticks(joint.ticks, labels=joint.numbers if is_named else [])
     if is_named:
@@ -270,3 +270,61 @@ def _marker(is_blind: bool) -> dict[str, Any]:
         if is_blind
         else {"marker": "o", "color": _BLUE, "markeredgewidth": 0.0}
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _JointAxis:
+    """A joint that is not locked; positions and joint box in the unit deg, mm or m."""
+
+    name: str
+    unit: str
+    positions: FloatArray
+    lower: float
+    upper: float
+
+    @property
+    def shown(self) -> tuple[float, float]:
+        """Limits of the axis: the interval and a margin for the markers."""
+        margin = 0.09 * (self.upper - self.lower)
+        return self.lower - margin, self.upper + margin
+
+    @property
+    def ticks(self) -> list[float]:
+        """Minimum, median and maximum, the levels of the designs."""
+        return [self.lower, 0.5 * (self.lower + self.upper), self.upper]
+
+    @property
+    def numbers(self) -> list[str]:
+        """The ticks as text."""
+        return [f"{tick:.3g}" for tick in self.ticks]
+
+    def label(self, letters: int) -> str:
+        """Name and unit, broken at underscores into lines of at most so many letters."""
+        lines = [""]
+        for part in self.name.replace("_", "_\n").split("\n"):
+            if lines[-1] and len(lines[-1]) + len(part) > letters:
+                lines.append("")
+            lines[-1] += part
+        return "\n".join([*lines, f"[{self.unit}]"])
+
+
+def _joint_axes(
+    joint_positions: FloatArray, box: JointLimits, joint_types: Sequence[str]
+) -> list[_JointAxis]:
+    """Axes of the joints that are not locked, in order."""
+    axes = []
+    for joint in box.free:
+        lower, upper = float(box.lower[joint]), float(box.upper[joint])
+        unit, scale = _unit(joint_types[joint], max(abs(lower), abs(upper)))
+        positions = scale * joint_positions[:, joint]
+        axes.append(
+            _JointAxis(box.joint_names[joint], unit, positions, scale * lower, scale * upper)
+        )
+    return axes
+
+
+def _unit(joint_type: str, largest: float) -> tuple[str, float]:
+    """Unit for positions of at most ``largest`` [rad or m], and the factor to it."""
+    if joint_type != "prismatic":
+        return "deg", 180.0 / np.pi
+    return ("mm", 1000.0) if largest < 1.0 else ("m", 1.0)

@@ -14,7 +14,6 @@ from annik_core.errors import InvalidValue
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
-from annik_training.designs.free_joints import free_box, with_locked_joints
 from annik_training.errors import UnsupportedRobot
 
 
@@ -94,15 +93,21 @@ class Design:
         function = getattr(import_module(f"annik_training.designs.{module}"), name)
         drawn_from = (rng,) if self.is_drawn else ()
         rows: FloatArray
-        if self.needs is Needs.BOX:
-            free = function(free_box(subject.joint_box), size, *drawn_from, **options)
-            rows = with_locked_joints(free, subject.joint_box)
-        else:
+        if self.needs is not Needs.BOX:
             first = subject if self.needs is Needs.SUBJECT else _robot_of(subject)
             rows = function(first, size, *drawn_from, **options)
+            return rows
+        box, free = subject.joint_box, subject.joint_box.free
+        names = [box.joint_names[joint] for joint in free]
+        free_box = JointLimits.from_bounds(names, box.lower[free], box.upper[free])
+        moved = function(free_box, size, *drawn_from, **options)
+        rows = np.tile(box.lower, (len(moved), 1))
+        rows[:, free] = moved
         return rows
 
 
+_PAPER_ROWS = "the rows as the paper counts them (104, 194)"
+_LEVELS = "fractions of roll, pitch and yaw"
 _STEPS = DesignOption("steps", "--steps", "steps of each sweep (j)", 6, 1, 1000)
 
 
@@ -119,14 +124,7 @@ DESIGNS: Mapping[str, Design] = {
             _STEPS,
             "thirty_phase_design.thirty_phase_design",
             options=(
-                DesignOption(
-                    "keep_paper_rows",
-                    "--paper-rows",
-                    "the rows as the paper counts them (104, 194)",
-                    False,
-                    False,
-                    True,
-                ),
+                DesignOption("keep_paper_rows", "--paper-rows", _PAPER_ROWS, False, False, True),
             ),
         ),
         Design(
@@ -139,24 +137,12 @@ DESIGNS: Mapping[str, Design] = {
             "workspace_grid",
             "a regular grid of poses: the paper's 'known method', Table 7",
             DesignOption(
-                "positions_per_axis",
-                "--positions-per-axis",
-                "grid positions per axis",
-                4,
-                2,
-                100,
+                "positions_per_axis", "--positions-per-axis", "grid positions per axis", 4, 2, 100
             ),
             "workspace_grid_design.workspace_grid_design",
             Needs.ROBOT,
             options=(
-                DesignOption(
-                    "orientation_levels",
-                    "--orientation-levels",
-                    "fractions of roll, pitch and yaw",
-                    1,
-                    1,
-                    100,
-                ),
+                DesignOption("orientation_levels", "--orientation-levels", _LEVELS, 1, 1, 100),
             ),
         ),
         Design(

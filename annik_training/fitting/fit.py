@@ -25,12 +25,7 @@ from annik_training.networks.network import InverseKinematicsNetwork, ScaledNetw
 
 
 class TooFewExamples(AnnikError):
-    """A dataset is too small.
-
-    Attributes:
-        examples: number of examples.
-        minimum: least number.
-    """
+    """A dataset is too small."""
 
     def __init__(self, examples: int, minimum: int, purpose: str) -> None:
         self.examples = examples
@@ -77,13 +72,9 @@ def examples_of(
     options: FitOptions,
     inputs: FloatArray | None = None,
 ) -> Examples:
-    """Examples of a system, with derivatives if the fit uses them.
+    """Examples of a system at joint positions ``(n, dof)``, with derivatives if the fit uses them.
 
-    Args:
-        system: the system.
-        joint_positions: ``(n, dof)`` [rad or m].
-        options: options of the fit.
-        inputs: ``(n, m)`` the network's inputs there, if known already.
+    ``inputs`` ``(n, m)`` are those of the network there, if they are known already.
     """
     sobolev = options.sobolev_weight > 0
     return Examples(
@@ -165,10 +156,7 @@ def fit_restarts(
 ) -> tuple[Restart, ...]:
     """Fit a network from several sets of random initial weights.
 
-    Args:
-        examples: the examples.
-        options: options of the fit.
-        on_restart: called with each restart when it ends, such as for a progress bar.
+    ``on_restart`` is called with each restart when it ends, such as for a progress bar.
 
     Raises:
         TooFewExamples: see :func:`held_out_rows`.
@@ -192,15 +180,9 @@ def fit_restart(
     number: int,
     rng: np.random.Generator,
 ) -> Restart:
-    """Fit one set of random initial weights.
+    """Fit one set of initial weights, drawn by ``rng``, to the examples of these indices.
 
-    Args:
-        examples: the examples.
-        training: indices of the examples to fit; the inputs are scaled to their box.
-        held_out: indices of the examples to measure the error on, possibly none.
-        options: options of the fit.
-        number: number of this restart.
-        rng: draws the initial weights.
+    The inputs are scaled to the box of the training examples; those held out may be none.
     """
     network = untrained_network(examples, training, options)
     network.hidden.initialise(rng)
@@ -283,11 +265,7 @@ def fit(
     """Fit a network to a dataset.
 
     The restart with the smallest error on the held-out examples wins; nothing else chooses it.
-
-    Args:
-        dataset: the examples.
-        options: options of the fit.
-        on_restart: called with each restart when it ends, such as for a progress bar.
+    ``on_restart`` is called with each restart when it ends.
 
     Raises:
         TooFewExamples: see :func:`held_out_rows`.
