@@ -1,4 +1,4 @@
-"""What refinement makes of answers, against a direct computation of it. ROS-free."""
+"""Evaluation of refined joint positions, against a direct computation. ROS-free."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def unseen(ur5e: Robot) -> Dataset:
 
 @pytest.fixture(scope="module")
 def measured(unseen: Dataset) -> NetworkErrors:
-    """Answers that are off by up to half a radian, and some by far."""
+    """Joint positions that are off by up to half a radian, and some by far."""
     rng = np.random.default_rng(0)
     off = rng.uniform(-0.5, 0.5, unseen.joint_positions.shape)
     off[:20] *= 6.0
@@ -86,7 +86,7 @@ def test_another_solution_inside_the_box_is_a_success_that_is_not_the_same() -> 
 
 @pytest.mark.parametrize("value", [0.0, 1e3, -1e12, 1e300])
 def test_nonsense_is_measured_as_what_it_is(unseen: Dataset, value: float) -> None:
-    """Fewer successes, answers outside the limits, finite numbers, and no exception."""
+    """Fewer successes, joint positions outside the limits, finite numbers, and no exception."""
     evaluation = network_errors(lambda poses: np.full((len(poses), 6), value), unseen).summary()
     assert evaluation.refined is not None
     assert evaluation.refined.success < 1.0

@@ -78,7 +78,7 @@ def from_fifty() -> CalibratedRobot:
 
 
 class TestAccuracy:
-    """How far the learned robot is from the true one, anywhere in the working box."""
+    """Distance of the calibrated robot from the true one, anywhere in the joint box."""
 
     def test_the_oracle_is_the_nominal_robot_where_nothing_is_wrong(self) -> None:
         assert distances(UR5E, PERFECT.poses, 100).max() < 1e-12
@@ -161,7 +161,7 @@ def learned_box(count: int) -> np.ndarray:
 
 
 class TestWhatIsSaid:
-    """What else is known of a learned robot."""
+    """What else is known of a calibrated robot."""
 
     def test_the_same_seed_gives_the_same_bits(self, from_fifty: CalibratedRobot) -> None:
         again = calibrate(UR5E, measured_ur5e(TRUTH, 50), QUICK)
@@ -224,7 +224,7 @@ def test_gross_outliers_are_found_and_do_no_harm(from_fifty: CalibratedRobot) ->
 
 
 class TestRefusals:
-    """What no robot can be learned from, and what is said of it."""
+    """Poses that no robot can be calibrated with, and the errors."""
 
     @pytest.mark.parametrize("joint", [0, 2, 5])
     def test_a_joint_that_was_not_moved_is_named(self, joint: int) -> None:
@@ -254,7 +254,7 @@ class TestRefusals:
             calibrate(UR5E, measured_ur5e(longer, 30), QUICK)
         assert caught.value.names == ("shoulder_lift_joint: length of the link after it",)
 
-    def test_a_probe_at_the_flange_is_learned(self) -> None:
+    def test_a_probe_at_the_flange_is_calibrated(self) -> None:
         """It need not be in the description."""
         dataset = measured_ur5e(TRUTH, 40)
         poses = dataset.poses.copy()
@@ -340,7 +340,7 @@ def test_a_locked_joint_is_no_obstacle() -> None:
 
 
 class TestEvaluation:
-    """Before and after, on poses that were not learned from."""
+    """Before and after, on poses that were not used."""
 
     def test_says_what_became_better(self, learned: CalibratedRobot, held_out: Dataset) -> None:
         evaluation = evaluate_measured(learned.robot, held_out)
@@ -384,7 +384,7 @@ class TestEvaluation:
             png = before_and_after(evaluate_measured(learned.robot, dataset))
             assert png.startswith(b"\x89PNG")
 
-    def test_refuses_what_it_was_learned_from(self, learned: CalibratedRobot) -> None:
+    def test_refuses_poses_that_it_was_calibrated_with(self, learned: CalibratedRobot) -> None:
         with pytest.raises(NotHeldOut) as caught:
             evaluate_measured(learned.robot, learned.dataset)
         assert caught.value.examples == 102
@@ -393,7 +393,7 @@ class TestEvaluation:
         with pytest.raises(NotHeldOut):
             evaluate_measured(learned.robot, replace(learned.dataset, robot=other))
 
-    def test_refuses_what_was_not_learned(self, held_out: Dataset) -> None:
+    def test_refuses_what_was_not_calibrated(self, held_out: Dataset) -> None:
         with pytest.raises(NotCalibrated) as caught:
             evaluate_measured(UR5E, held_out)
         assert caught.value.robot == "ur5e"

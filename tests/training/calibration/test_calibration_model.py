@@ -100,7 +100,7 @@ class TestModel:
             tolerance = 3e-6 if Part.POSE_NETWORK in parts else 1e-9
             assert evaluated.columns[:, :, index] == pytest.approx(difference, abs=tolerance)
 
-    def test_of_a_learned_robot_or_the_gantry_there_is_none(self, gantry: Robot) -> None:
+    def test_of_a_calibrated_robot_or_the_gantry_there_is_none(self, gantry: Robot) -> None:
         nominal = robot_named("ur5e")
         model = ParametricModel(nominal, frozenset({Part.GEOMETRY}))
         data = model.corrections(np.zeros(model.size)).to_dict()

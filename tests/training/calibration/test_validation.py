@@ -1,4 +1,4 @@
-"""What is said of a model whose orientations were not learned."""
+"""Evaluation of a robot whose orientations were not calibrated. ROS-free."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from annik_training.cli.evaluate import evaluation_summary, print_measured
 from annik_training.designs.sampling import generate_dataset
 
 
-def _learned(position_only: bool) -> Robot:
+def _calibrated(position_only: bool) -> Robot:
     definition = dict(learned_robot().definition)
     provenance = {"examples": 102, "position_only": position_only}
     definition["corrections"] = {**definition["corrections"], "provenance": provenance}
@@ -23,11 +23,11 @@ def _learned(position_only: bool) -> Robot:
 
 
 @pytest.mark.parametrize("position_only", [True, False])
-def test_orientations_that_were_not_learned_are_not_judged(
+def test_orientations_that_were_not_calibrated_are_not_evaluated(
     position_only: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     computed = generate_dataset(load_robot("ur5e"), "sobol", 16, seed=0)
-    evaluation = evaluate_measured(_learned(position_only), replace(computed, source=MEASURED))
+    evaluation = evaluate_measured(_calibrated(position_only), replace(computed, source=MEASURED))
     summary = evaluation_summary(evaluation)
     for value in (
         summary["learned"]["mean_orientation_error"],

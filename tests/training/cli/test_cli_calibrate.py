@@ -78,7 +78,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 class TestCalibrate:
     """The model file that comes of measured poses."""
 
-    def test_carries_the_learned_robot(self, made: Made) -> None:
+    def test_carries_the_calibrated_robot(self, made: Made) -> None:
         robot = load_model(made.model).robot
         joint_positions = UR5E.joint_box.sample(300, np.random.default_rng(7))
         away = np.linalg.norm(
@@ -91,7 +91,7 @@ class TestCalibrate:
         assert (provenance["examples"], provenance["outliers"]) == (EXAMPLES, [11])
         assert robot.error_bound is not None
 
-    def test_answers_with_the_learned_robot(self, made: Made) -> None:
+    def test_solves_with_the_calibrated_robot(self, made: Made) -> None:
         """The true robot is where it was told to be, but for what is not known of it."""
         solver = IkSolver(load_model(made.model))
         share = np.random.default_rng(0).uniform(0.2, 0.8, (20, 6))
@@ -108,7 +108,7 @@ class TestCalibrate:
             assert box.contains(result.joint_positions)
         assert answered >= 15
 
-    def test_says_what_was_learned(self, made: Made) -> None:
+    def test_prints_what_was_calibrated(self, made: Made) -> None:
         assert "40 measured poses of ur5e, 1 outliers left out" in made.printed
         assert "outliers, by their row in the dataset: 11" in made.printed
         assert "geometry, joint networks" in made.printed
@@ -157,7 +157,7 @@ class TestTampering:
         if key == "robot":
             assert f"corrections.{entry}" in str(caught.value)
 
-    def test_as_described_and_as_learned_it_is_one_robot(self, made: Made) -> None:
+    def test_nominal_and_calibrated_it_is_one_robot(self, made: Made) -> None:
         """So that a node takes either in place of the other; but none of another arm."""
         learned = load_model(made.model, expected_robot=UR5E).robot
         assert learned.nominal_hash == UR5E.definition_hash != learned.definition_hash

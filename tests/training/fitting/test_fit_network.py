@@ -90,16 +90,16 @@ class OddSystem:
         )
 
     def input_jacobians(self, q: np.ndarray) -> np.ndarray:
-        return slopes(self.inputs, q)
+        return derivatives(self.inputs, q)
 
     def target_jacobians(self, q: np.ndarray) -> np.ndarray:
-        return slopes(self.targets, q)
+        return derivatives(self.targets, q)
 
     def errors(self, q: np.ndarray, answers: np.ndarray) -> np.ndarray:
         return np.linalg.norm(answers - self.targets(q), axis=1)
 
 
-def slopes(function: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray:
+def derivatives(function: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray:
     """Central differences ``(n, k, dof)``."""
     step = 1e-5
     moves = step * np.eye(q.shape[1])
@@ -108,7 +108,7 @@ def slopes(function: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.nd
 
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize("linear_path", [False, True])
-def test_slopes_are_those_of_the_finished_network_by_the_joints(linear_path: bool) -> None:
+def test_derivatives_are_those_of_the_finished_network_by_the_joints(linear_path: bool) -> None:
     """In joint motions of half the box's width, and targets of half the target box's."""
     system, weight = OddSystem(), 0.7
     options = FitOptions(
@@ -126,8 +126,10 @@ def test_slopes_are_those_of_the_finished_network_by_the_joints(linear_path: boo
     half_target = 0.5 * (system.target_box[1] - system.target_box[0])
     half_joint = np.array([2.0, 0.25])
     value_error = (network.predict(system.inputs(q)) - system.targets(q)) / half_target
-    learned = slopes(lambda positions: network.predict(system.inputs(positions)), q)
-    slope_error = (learned - system.target_jacobians(q)) * half_joint / half_target[:, np.newaxis]
+    learned = derivatives(lambda positions: network.predict(system.inputs(positions)), q)
+    derivative_error = (
+        (learned - system.target_jacobians(q)) * half_joint / half_target[:, np.newaxis]
+    )
 
     problem = SeparableProblem(
         network.hidden,
@@ -137,9 +139,9 @@ def test_slopes_are_those_of_the_finished_network_by_the_joints(linear_path: boo
         sobolev_weight=weight,
     )
     hidden = np.concatenate([p.detach().numpy().reshape(-1) for p in network.hidden.parameters()])
-    assert np.mean(slope_error**2) > 1e-4
+    assert np.mean(derivative_error**2) > 1e-4
     assert problem.squared_residual(hidden) == pytest.approx(
-        np.sum(value_error**2) + weight * np.sum(slope_error**2), rel=1e-6
+        np.sum(value_error**2) + weight * np.sum(derivative_error**2), rel=1e-6
     )
     assert problem.mean_square_error(hidden) == pytest.approx(np.mean(value_error**2), rel=1e-6)
 

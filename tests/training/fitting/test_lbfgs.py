@@ -1,4 +1,4 @@
-"""L-BFGS of all weights: its slopes, its limits, the same bits for the same seed. ROS-free."""
+"""L-BFGS of all weights: derivatives, limits, the same bits for the same seed. ROS-free."""
 
 from __future__ import annotations
 
@@ -58,16 +58,18 @@ def prepared(dataset: Dataset, options: FitOptions) -> tuple[ScaledNetwork, Scal
 
 def square_error(network: ScaledNetwork, examples: ScaledExamples, sobolev_weight: float) -> float:
     with torch.no_grad():
-        answers, slopes = outputs_and_derivatives(network, examples.inputs, examples.directions)
+        answers, derivatives = outputs_and_derivatives(
+            network, examples.inputs, examples.directions
+        )
         return float(
             torch.mean((answers - examples.targets) ** 2)
-            + sobolev_weight * torch.mean((slopes - examples.derivatives) ** 2)
+            + sobolev_weight * torch.mean((derivatives - examples.derivatives) ** 2)
         )
 
 
 @pytest.mark.parametrize("hidden_units", [(7,), (6, 5), (4, 5, 6)])
 @pytest.mark.parametrize("linear_path", [False, True])
-def test_slopes_are_the_derivatives_of_the_answers(
+def test_derivatives_are_the_derivatives_of_the_answers(
     hidden_units: tuple[int, ...], linear_path: bool
 ) -> None:
     """By torch's own Jacobian of the network, along any directions."""
@@ -78,29 +80,29 @@ def test_slopes_are_the_derivatives_of_the_answers(
     )
     inputs = torch.rand(4, 5, dtype=torch.float64, generator=generator)
     directions = torch.rand(4, 2, 5, dtype=torch.float64, generator=generator)
-    answers, slopes = outputs_and_derivatives(network, inputs, directions)
+    answers, derivatives = outputs_and_derivatives(network, inputs, directions)
     jacobians = torch.stack(
         [torch.func.jacrev(lambda one: network.scaled(one[None])[0])(row) for row in inputs]
     )
     assert torch.allclose(answers, network.scaled(inputs), rtol=0, atol=1e-14)
     expected = torch.einsum("nki,ndi->ndk", jacobians, directions)
-    assert slopes.shape == (4, 2, 3)
-    assert torch.allclose(slopes, expected, rtol=0, atol=1e-13)
+    assert derivatives.shape == (4, 2, 3)
+    assert torch.allclose(derivatives, expected, rtol=0, atol=1e-13)
 
 
-def test_the_slopes_are_fitted_too(dataset: Dataset) -> None:
+def test_the_derivatives_are_fitted_too(dataset: Dataset) -> None:
     """With a weight on them they end nearer to the robot's than without."""
     off = {}
     for weight in (0.0, 10.0):
         network, examples = prepared(dataset, OPTIONS)
         minimise_all_weights(network, examples, weight, 60)
         with torch.no_grad():
-            _, slopes = outputs_and_derivatives(network, examples.inputs, examples.directions)
-        off[weight] = float(torch.mean((slopes - examples.derivatives) ** 2))
+            _, derivatives = outputs_and_derivatives(network, examples.inputs, examples.directions)
+        off[weight] = float(torch.mean((derivatives - examples.derivatives) ** 2))
     assert off[10.0] < 0.5 * off[0.0]
 
 
-def test_a_weight_of_zero_needs_no_slopes(dataset: Dataset) -> None:
+def test_a_weight_of_zero_needs_no_derivatives(dataset: Dataset) -> None:
     """And computes none: with and without them it is the same fit, bit for bit."""
     trained = []
     for sobolev_weight in (0.0, 1.0):
@@ -158,7 +160,7 @@ def test_it_starts_at_the_middle_of_the_box(dataset: Dataset) -> None:
 
 
 def test_a_locked_joint_is_answered_exactly() -> None:
-    """A box without width gives no slope, and no division by zero."""
+    """A box without width gives no derivative, and no division by zero."""
     panda = load_robot("panda")
     fitted = fit(generate_dataset(panda, "sobol", 16, seed=0), OPTIONS)
     answers = fitted.network.joint_positions(fitted.dataset.poses)
