@@ -1,14 +1,47 @@
-"""Atomic replacement of files: what stands there is the old file or the whole new one."""
+"""Reading of regular files only; atomic replacement: the old file or the whole new one."""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
 from annik_core.errors import NotWritable
+
+
+def expanded(path: str | Path) -> Path:
+    """A path with the folder of the user for a leading ``~``."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:  # a user that this system does not know
+        return Path(path)
+
+
+def read_regular_file(path: Path, most: int) -> bytes:
+    """The content of a file, after following links; never waits for it.
+
+    Args:
+        path: of the file.
+        most: most bytes to accept.
+
+    Raises:
+        OSError: if it can't be read, is a folder, a pipe or a device, or is larger.
+        ValueError: if no file could have this path.
+    """
+    # Opening a pipe would wait for one that writes to it.
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
+        content = b"" if status.st_size > most else file.read(most + 1)
+    size = max(status.st_size, len(content))
+    if size > most:
+        raise OSError(errno.EFBIG, f"{size} bytes; at most {most} are accepted")
+    return content
 
 
 def ensure_writable_folder(folder: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -29,6 +31,15 @@ def share_directory() -> Path:
         f"no share/annik_ros folder above {module}: the installation is incomplete, "
         "install annik_ros again"
     )
+
+
+def nearest_first(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """Known names, those most like a given one first."""
+
+    def likeness(other: str) -> float:
+        return difflib.SequenceMatcher(None, name[:100].lower(), other.lower()).ratio()
+
+    return tuple(sorted(known, key=likeness, reverse=True))
 
 
 #: Version of annik, from package.xml.

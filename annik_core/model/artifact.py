@@ -13,7 +13,8 @@ import onnx
 import onnxruntime
 
 from annik_core.errors import MissingDependency, RobotMismatch
-from annik_core.installation import share_directory
+from annik_core.files import expanded, read_regular_file
+from annik_core.installation import nearest_first, share_directory
 from annik_core.model.errors import (
     InvalidGraph,
     InvalidMetadata,
@@ -128,11 +129,9 @@ def packaged_models() -> tuple[str, ...]:
 
 def model_path(name_or_path: str | Path) -> Path:
     """The file of a packaged model, by its name, or the path itself if it is not such a name."""
-    path = Path(name_or_path)
-    if path.name == str(name_or_path):
-        packaged = share_directory() / "models" / f"{path.name}.onnx"
-        return packaged if packaged.is_file() else path
-    return path
+    if str(name_or_path) in packaged_models():
+        return share_directory() / "models" / f"{name_or_path}.onnx"
+    return expanded(name_or_path)
 
 
 def load_model(path: str | Path, expected_robot: Robot | None = None) -> Model:
@@ -173,16 +172,14 @@ def read_model_file(path: Path) -> bytes:
 
     Raises:
         ModelNotFound: if there is no such file.
-        UnreadableModel: if it can't be read, or is larger than :data:`MAX_FILE_SIZE`.
+        UnreadableModel: if it can't be read, is no regular file, or is larger than
+            :data:`MAX_FILE_SIZE`.
     """
     try:
-        size = path.stat().st_size
-        if size > MAX_FILE_SIZE:
-            raise UnreadableModel(path, f"{size} bytes; at most {MAX_FILE_SIZE} are accepted")
-        return path.read_bytes()
+        return read_regular_file(path, MAX_FILE_SIZE)
     # ValueError: a path that no system could have, such as one with a NUL in it.
     except (FileNotFoundError, ValueError) as error:
-        raise ModelNotFound(path) from error
+        raise ModelNotFound(path, nearest_first(path.stem, packaged_models())) from error
     except OSError as error:
         raise UnreadableModel(path, f"can't be read ({error.strerror})") from error
 

@@ -25,10 +25,20 @@ class ModelError(AnnikError):
 
 
 class ModelNotFound(ModelError):
-    """There is no such file."""
+    """There is no such file.
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, "no such file", "check the path given as 'model'")
+    Attributes:
+        known: the packaged models, those of the nearest names first.
+    """
+
+    def __init__(self, path: Path, known: Sequence[str]) -> None:
+        self.known = tuple(known)
+        super().__init__(
+            path,
+            "no such file",
+            f"give one of the packaged models ({', '.join(self.known)}) or the path of a model "
+            "file as 'model'",
+        )
 
 
 class UnreadableModel(ModelError):

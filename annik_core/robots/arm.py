@@ -18,7 +18,7 @@ from annik_core.robots.corrected_kinematics import (
     WrappedKinematics,
 )
 from annik_core.robots.corrections import ArmCorrections
-from annik_core.robots.definition import checked_name, checked_numbers
+from annik_core.robots.definition import checked_interval, checked_name, number_text
 from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
@@ -260,17 +260,22 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     urdf = definition.get("urdf")
     if not isinstance(urdf, str):
         raise InvalidRobotDefinition(source, "'urdf' is missing: the text of a URDF")
-    frames = [
+    base, tip = (
         checked_name(definition[key], key, source) if definition.get(key) is not None else None
         for key in ("base_frame", "end_effector_frame")
-    ]
-    chain = serial_chain(urdf, source, *frames)
+    )
+    entries = definition.get("joint_box") or {}
+    if not isinstance(entries, Mapping):
+        raise InvalidRobotDefinition(
+            source, "'joint_box' is not a mapping of joint names to [lower, upper]"
+        )
+    chain = serial_chain(urdf, source, base, tip, entries)
     if len(chain.joint_names) > MAX_JOINTS:
         raise InvalidRobotDefinition(
             source, f"the chain has {len(chain.joint_names)} joints, more than {MAX_JOINTS}"
         )
     limits = JointLimits.from_bounds(chain.joint_names, chain.lower, chain.upper)
-    box = _joint_box(definition.get("joint_box"), chain, limits, source)
+    box = _joint_box(entries, chain, limits, source)
     name = checked_name(definition.get("name", chain.name), "name", source)
     corrections = None
     if definition.get("corrections") is not None:
@@ -335,38 +340,29 @@ def _corrected(
 
 
 def _joint_box(
-    entries: object, chain: SerialChain, limits: JointLimits, source: str
+    entries: Mapping[str, object], chain: SerialChain, limits: JointLimits, source: str
 ) -> JointLimits:
-    """The given joint box, completed by the limits."""
-    if entries is None:
-        entries = {}
-    if not isinstance(entries, Mapping):
-        raise InvalidRobotDefinition(
-            source, "'joint_box' is not a mapping of joint names to [lower, upper]"
-        )
+    """The given joint box, completed by the limits, soft ones where there are."""
     joints = ", ".join(chain.joint_names)
     for joint in entries:
         if joint not in chain.joint_names:
             raise InvalidRobotDefinition(
                 source, f"'joint_box' names {joint!r}, which is no joint of the chain: {joints}"
             )
-    lower, upper = limits.lower.copy(), limits.upper.copy()
+    lower, upper = np.array(chain.soft_lower), np.array(chain.soft_upper)
     for index, joint in enumerate(chain.joint_names):
         kind = chain.joint_types[index]
         if kind == "continuous":
             lower[index], upper[index] = -np.pi, np.pi
         if joint in entries:
-            bounds = checked_numbers(entries[joint], f"joint_box of {joint}", source)
-            if bounds.shape != (2,) or not np.isfinite(bounds).all() or bounds[0] > bounds[1]:
-                raise InvalidRobotDefinition(
-                    source, f"joint_box of {joint} is {entries[joint]}, not [lower, upper]"
-                )
-            lower[index], upper[index] = bounds
+            lower[index], upper[index] = checked_interval(entries[joint], kind, joint, source)
         if lower[index] < limits.lower[index] or upper[index] > limits.upper[index]:
+            inner, outer = (
+                f"[{number_text(bounds.lower[index])}, {number_text(bounds.upper[index])}]"
+                for bounds in (JointLimits(chain.joint_names, lower, upper), limits)
+            )
             raise InvalidRobotDefinition(
-                source,
-                f"joint_box of {joint} is [{lower[index]:.6g}, {upper[index]:.6g}], not inside "
-                f"its limits [{limits.lower[index]:.6g}, {limits.upper[index]:.6g}]",
+                source, f"joint_box of {joint} is {inner}, not inside its limits {outer}"
             )
         if kind != "prismatic" and upper[index] - lower[index] > FULL_TURN + TURN_TOLERANCE:
             # The pose is the same after a full turn.

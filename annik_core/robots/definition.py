@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +16,9 @@ from annik_core.robots.errors import InvalidRobotDefinition
 _LARGEST = 1e6
 #: Least divisor allowed.
 _SMALLEST = 1e-9
+#: Units of a joint position, in rad or m.
+_ANGLES = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0, "\N{DEGREE SIGN}": math.pi / 180.0}
+_LENGTHS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 def checked_name(value: object, what: str, source: str) -> str:
@@ -50,6 +55,52 @@ def checked_numbers(value: object, what: str, source: str) -> FloatArray:
         return np.array(value, dtype=np.float64)
     except (OverflowError, ValueError) as error:
         raise InvalidRobotDefinition(source, f"{what}: malformed ({error})") from error
+
+
+def checked_interval(
+    value: object, joint_type: str, joint: str, source: str
+) -> tuple[float, float]:
+    """Check an interval of joint positions.
+
+    Args:
+        value: as read: two numbers [rad or m], or texts with a unit, such as 90deg or 150mm.
+        joint_type: of the joint.
+        joint: its name.
+        source: what to call the definition in an error.
+
+    Raises:
+        InvalidRobotDefinition: if it is anything else, or not finite, or empty.
+    """
+    what = f"joint_box of {joint}"
+    units = _LENGTHS if joint_type == "prismatic" else _ANGLES
+    bounds = [math.nan, math.nan]
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        bounds = [
+            _position(bound, units)
+            if isinstance(bound, str)
+            else float(checked_numbers(bound, what, source))
+            for bound in value
+        ]
+    if not all(map(math.isfinite, bounds)) or bounds[0] > bounds[1]:
+        known = ", ".join(filter(None, units))
+        raise InvalidRobotDefinition(
+            source, f"{what} is {value}, not [lower, upper], finite, in numbers or in {known}"
+        )
+    return bounds[0], bounds[1]
+
+
+def _position(text: str, units: Mapping[str, float]) -> float:
+    """A number with a unit in rad or m, or NaN."""
+    parts = re.fullmatch(r"\s*([-+.\de]*[\d.])\s*([a-z\N{DEGREE SIGN}]*)\s*", text.lower())
+    try:
+        return float(parts[1]) * units[parts[2]] if parts else math.nan
+    except (ValueError, KeyError):
+        return math.nan
+
+
+def number_text(number: float) -> str:
+    """A number in as few digits as give the same double when it is read again."""
+    return repr(float(number)).removesuffix(".0")
 
 
 def is_numeric(value: object) -> bool:

@@ -18,8 +18,8 @@ class UnknownRobot(RobotError):
         self.name = name
         self.known = tuple(known)
         super().__init__(
-            f"no robot {name!r}: give one of the packaged robots ({', '.join(self.known)}) "
-            "or the path of a robot definition (.yaml) or a URDF (.urdf)"
+            f"no robot {name!r} and no such file: give one of the packaged robots "
+            f"({', '.join(self.known)}) or the path of a robot definition (YAML) or a URDF"
         )
 
 

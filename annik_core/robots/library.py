@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,17 +10,21 @@ from typing import Any
 
 import yaml
 
-from annik_core.installation import share_directory
+from annik_core.files import expanded, read_regular_file
+from annik_core.installation import nearest_first, share_directory
 from annik_core.robots.arm import arm_from_definition
 from annik_core.robots.definition import checked_name
 from annik_core.robots.errors import InvalidRobotDefinition, UnknownRobot
 from annik_core.robots.gantry import gantry_from_definition
 from annik_core.robots.robot import Robot
-from annik_core.robots.urdf import BYTE_ORDER_MARK
+from annik_core.robots.urdf import serial_chain
+from annik_core.robots.urdf_text import BYTE_ORDER_MARK, MAX_LENGTH, decoded
 
 _KINDS = {"arm": arm_from_definition, "gantry": gantry_from_definition}
 #: Deepest nesting of a definition; one that contains itself has no end.
 _MAX_DEPTH = 16
+#: What is called like this is a URDF, even if it does not begin like one.
+_URDF_SUFFIXES = (".urdf", ".xml", ".xacro")
 
 
 def packaged_robots() -> tuple[str, ...]:
@@ -37,8 +42,8 @@ def load_robot(
     """Load a robot by name, by the path of its definition or URDF, or from the text of a URDF.
 
     Args:
-        source: a packaged robot's name, the path of a definition (.yaml) or a URDF (.urdf or
-            .xml), or the text of a URDF, as in the parameter ``robot_description``.
+        source: a packaged robot's name, the path of a definition or a URDF of whatever name, or
+            the text of a URDF, as in the parameter ``robot_description``.
         base_frame: of an arm: the link in which poses are given; by default the definition's, or
             else the root of the URDF.
         end_effector_frame: of an arm: the link whose pose is meant; by default the definition's,
@@ -74,48 +79,66 @@ def _box_of_chain(
     box: Mapping[str, Any], definition: Mapping[str, Any], source: str
 ) -> dict[str, Any]:
     """The part of a definition's joint box that belongs to joints between other frames."""
-    whole = robot_from_definition({**definition, "joint_box": None}, source)
-    return {joint: bounds for joint, bounds in box.items() if joint in whole.joint_names}
+    urdf, *frames = (definition.get(key) for key in ("urdf", "base_frame", "end_effector_frame"))
+    if not isinstance(urdf, str):
+        return dict(box)
+    base, tip = (None if frame is None else str(frame) for frame in frames)
+    chain = serial_chain(urdf, source, base, tip, box)
+    return {joint: bounds for joint, bounds in box.items() if joint in chain.joint_names}
 
 
 def _definition(source: str | Path) -> tuple[Any, str]:
     """The definition as read, and what to call it in an error."""
-    if isinstance(source, str) and source.removeprefix(BYTE_ORDER_MARK).lstrip().startswith("<"):
+    if isinstance(source, str) and _is_xml(source):
         return {"kind": "arm", "urdf": source}, "robot_description"
-    path = Path(source)
-    if path.suffix not in (".yaml", ".yml", ".urdf", ".xml"):
+    path = expanded(source)
+    if str(source) in packaged_robots():
         path = share_directory() / "robots" / f"{source}.yaml"
-    if not _is_file(path):
-        raise UnknownRobot(str(source), packaged_robots())
-    if path.suffix in (".urdf", ".xml"):
-        return {"kind": "arm", "urdf": _text(path, path)}, str(path)
     try:
-        definition = yaml.safe_load(_text(path, path))
-    except InvalidRobotDefinition:
-        raise
+        text = _text(path)
+    # ValueError: a path that no system could have; "" is the current folder.
+    except (FileNotFoundError, NotADirectoryError, ValueError) as error:
+        raise UnknownRobot(str(source), nearest_first(str(source), packaged_robots())) from error
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG or not str(source):
+            raise UnknownRobot(str(source), packaged_robots()) from error
+        raise _unreadable(path, path, error) from error
+    if _is_xml(text) or path.suffix.lower() in _URDF_SUFFIXES:
+        return {"kind": "arm", "urdf": text}, str(path)
+    try:
+        definition = yaml.safe_load(text)
     # Malformed dates, numbers and tags raise exceptions that are not YAMLErrors.
     except Exception as error:
-        raise InvalidRobotDefinition(str(path), f"not readable as YAML: {error}") from error
-    if isinstance(definition, dict) and "urdf_file" in definition:
+        raise InvalidRobotDefinition(
+            str(path), f"neither a URDF, which is XML, nor readable as YAML: {error}"
+        ) from error
+    if not isinstance(definition, dict):
+        raise InvalidRobotDefinition(
+            str(path), "neither a URDF, which is XML, nor a mapping of names to values in YAML"
+        )
+    if "urdf_file" in definition:
         urdf_file = checked_name(definition.pop("urdf_file"), "urdf_file", str(path))
-        definition["urdf"] = _text(path.parent / urdf_file, path)
+        beside = path.parent / expanded(urdf_file)
+        try:
+            definition["urdf"] = _text(beside)
+        except (OSError, ValueError) as error:
+            raise _unreadable(path, beside, error) from error
     return definition, str(path)
 
 
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # such as a name that is too long for one
-        return False
+def _is_xml(text: str) -> bool:
+    return text.removeprefix(BYTE_ORDER_MARK).lstrip().startswith("<")
 
 
-def _text(path: Path, definition: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise InvalidRobotDefinition(str(definition), f"there is no file {path}") from error
-    except (OSError, ValueError) as error:
-        raise InvalidRobotDefinition(str(definition), f"{path} can't be read: {error}") from error
+def _text(path: Path) -> str:
+    return decoded(read_regular_file(path, MAX_LENGTH))
+
+
+def _unreadable(
+    definition: Path, path: Path, error: OSError | ValueError
+) -> InvalidRobotDefinition:
+    reason = getattr(error, "strerror", None) or error
+    return InvalidRobotDefinition(str(definition), f"{path} can't be read: {reason}")
 
 
 def robot_from_definition(definition: Mapping[str, Any], source: str) -> Robot:

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from annik_core.robots.robot import Robot
-from annik_core.robots.urdf import CONTINUOUS_LIMIT
+from annik_core.robots.urdf_joint import CONTINUOUS_LIMIT
 from annik_training.cli.options import FILE, chosen_robot, robot_argument, write
 from annik_training.designs.sampling import random_dataset
 from annik_training.fitting.branches import branch_signs, has_branches

@@ -22,7 +22,7 @@ from annik_core.pose import FloatArray, pose_difference
 from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import ForwardKinematics, Robot
-from annik_core.robots.urdf import CONTINUOUS_LIMIT
+from annik_core.robots.urdf_joint import CONTINUOUS_LIMIT
 
 ARMS = tuple(name for name in packaged_robots() if name != "gantry")
 CONTINUOUS = urdf("abc", J1, joint("j2", "b", "c", "continuous", limit=""))
@@ -126,7 +126,9 @@ class TestJointBox:
             ({"j1": 0.5}, ["joint_box of j1", "[lower, upper]"]),
             ({"j1": [math.nan, 0]}, ["j1", "finite"]),
             ({"j1": [0, math.inf]}, ["j1", "finite"]),
-            ({"j1": ["0", "1"]}, ["joint_box of j1", "text"]),
+            ({"j1": ["0", "1x"]}, ["joint_box of j1", "1x", "deg"]),
+            ({"j1": ["0", "5mm"]}, ["joint_box of j1", "5mm", "deg"]),
+            ({"j1": [True, 1]}, ["joint_box of j1", "text"]),
             ({"j1": None}, ["joint_box of j1"]),
             ({"j1": [0, 10**400]}, ["joint_box of j1", "malformed"]),
             ([[0, 1], [0, 1]], ["joint_box", "mapping"]),

@@ -211,7 +211,7 @@ def test_where_the_plot_goes_can_be_said(tmp_path: Path) -> None:
         ),
         (("design", "spiral", "--steps", 3), "design is 'spiral'; allowed: thirty_phase, "),
         (("design", "--robot", "octopus", "--steps", 3), "no robot 'octopus'"),
-        (("design", "--robot", "broken.yaml", "--steps", 3), "not readable as YAML"),
+        (("design", "--robot", "broken.yaml", "--steps", 3), "nor readable as YAML"),
         (("design", "--steps", 3, "--out", "no/where.npz"), "can't be written"),
         (("train", "--dataset", "none.npz", "--out", "m.onnx"), "no such file"),
         (("train", "--steps", 3, "--restarts", 0, "--out", "m.onnx"), "restarts is 0"),

@@ -248,13 +248,17 @@ _HALF_LIMIT = URDF.replace('<limit lower="-2.9" ', "<limit ", 1)
 @pytest.mark.parametrize(
     ("text", "options", "complaint"),
     [
-        (_NO_LIMIT, FRAMES, "joint 'swivel' is revolute and has no lower limit: add <limit"),
+        (_NO_LIMIT, FRAMES, "give its interval by joint_box (--joint-box swivel="),
         (_HALF_LIMIT, FRAMES, "joint 'swivel' is revolute and has no lower limit"),
         (URDF, ("--base-frame", "floor"), "base_frame 'floor' is not a link of the URDF; its"),
         (URDF, ("--end-effector-frame", "tip"), "end_effector_frame 'tip' is not a link"),
-        (URDF, ("--base-frame", FLANGE, "--end-effector-frame", BASE), "does not hang on"),
+        (
+            URDF,
+            ("--base-frame", BASE, "--end-effector-frame", BASE),
+            f"base_frame '{BASE}' is end_effector_frame '{BASE}' too",
+        ),
         (URDF, ("--end-effector-frame", "right_finger"), "joint 'follow' mimics joint 'grip'"),
-        (URDF, (), "give end_effector_frame, one of its links, such as left_finger, right"),
+        (URDF, (), "give end_effector_frame, one of its links, such as left_finger ("),
         (URDF, ("--end-effector-frame", BASE), "nothing moves between base_frame"),
         (URDF[:-40], FRAMES, "not XML"),
         ("", FRAMES, "not XML"),
