@@ -12,10 +12,14 @@ _REASON_PREFIX: Final = "refused: "
 
 @dataclass(frozen=True)
 class RefusalCounts:
-    """Refused targets of one ik_node since its start; by reason, most frequent first."""
+    """Refused targets of one ik_node since its start; by reason, most frequent first.
+
+    ``last`` is the last refusal in words, with the value and what is allowed.
+    """
 
     refused: int
     reasons: dict[str, int] = field(default_factory=dict)
+    last: str = ""
 
 
 def refusal_counts(diagnostics: Iterable[Any], namespace: str) -> RefusalCounts | None:
@@ -51,4 +55,5 @@ def _counts(values: dict[str, str]) -> RefusalCounts | None:
     except (KeyError, ValueError):
         return None
     ordered = sorted(reasons.items(), key=lambda reason: -reason[1])
-    return RefusalCounts(refused, {reason: count for reason, count in ordered if count > 0})
+    counts = {reason: count for reason, count in ordered if count > 0}
+    return RefusalCounts(refused, counts, values.get("last refusal", ""))

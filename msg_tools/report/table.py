@@ -17,16 +17,17 @@ _SHOWN_WORST: Final = 10
 
 
 def print_report(report: TrackingReport, console: Console | None = None) -> None:
-    """Print the report's tables and notes."""
+    """Print the report's notes and tables."""
     (console or Console()).print(report_tables(report))
 
 
 def report_tables(report: TrackingReport) -> RenderableType:
-    """The report's tables and notes, for rich to render."""
-    parts: list[RenderableType] = [_counts_table(report)]
+    """The report's notes and tables, for rich to render."""
+    first = [f"[red]![/red] {escape(report.why_refused)}"] if report.why_refused else []
+    notes = [f"[yellow]![/yellow] {escape(note)}" for note in report.notes]
+    parts: list[RenderableType] = [*first, *notes, _counts_table(report)]
     if report.targets:
         parts += [_overall_table(report), _targets_table(report)]
-    parts += [f"[yellow]![/yellow] {escape(note)}" for note in report.notes]
     return Group(*parts)
 
 

@@ -83,6 +83,7 @@ class TrackingReport:
         targets_refused: count of the ik_node's last diagnostics; without diagnostics, all targets
             without a command.
         refusal_reasons: refused targets by reason, from the last diagnostics; most frequent first.
+        last_refusal: the last of them in words, with the value and what is allowed; may be empty.
         targets: targets with a command and a result, in order of acceptance.
         position_error_mm: over ``targets`` [mm]; None if there are none.
         orientation_error_deg: over ``targets`` [deg]; None if there are none.
@@ -101,6 +102,7 @@ class TrackingReport:
     targets_unanswered: int
     targets_refused: int
     refusal_reasons: dict[str, int]
+    last_refusal: str
     targets: tuple[TargetResult, ...]
     position_error_mm: Summary | None
     orientation_error_deg: Summary | None
@@ -109,6 +111,18 @@ class TrackingReport:
     recorded_error_difference: tuple[float, float] | None
     bag_complete: bool
     notes: tuple[str, ...]
+
+    @property
+    def why_refused(self) -> str:
+        """How many targets were refused and why, in sentences; empty if none was."""
+        if not self.targets_refused:
+            return ""
+        counts = ", ".join(f"{reason} ({count})" for reason, count in self.refusal_reasons.items())
+        last = f" The last: {self.last_refusal.rstrip('.')}." if self.last_refusal else ""
+        return (
+            f"{self.targets_refused} targets were refused: {counts or 'the reasons are unknown'}."
+            f"{last}"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The report as JSON values; None where there is no number."""
@@ -122,6 +136,7 @@ class TrackingReport:
             "targets_refused": self.targets_refused,
             "targets_paired": len(self.targets),
             "refusal_reasons": self.refusal_reasons,
+            "last_refusal": self.last_refusal,
             "position_error_mm": _summary_entries(self.position_error_mm),
             "orientation_error_deg": _summary_entries(self.orientation_error_deg),
             "latency_us": _summary_entries(self.latency_us),
@@ -176,7 +191,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
     sent = len(records[TARGET_POSE.name]) + len(records[TARGET_POSE_STAMPED.name])
     answered = len(records[JOINT_COMMAND.name])
     if not pairs:
-        notes.insert(0, _why_no_pairs(records, names))
+        notes.insert(0, _why_no_pairs(records, names, sent, answered))
     if answered > sent:
         notes.append(
             f"There are more commands ({answered}) than targets ({sent}): "
@@ -224,6 +239,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         targets_unanswered=unanswered,
         targets_refused=unanswered if counts is None else counts.refused,
         refusal_reasons=counts.reasons if counts is not None else {},
+        last_refusal=counts.last if counts is not None else "",
         targets=targets,
         position_error_mm=_summary([target.position_error_mm for target in targets]),
         orientation_error_deg=_summary([target.orientation_error_deg for target in targets]),
@@ -365,7 +381,11 @@ def _by_stamp(records: Sequence[BagRecord], what: str, notes: list[str]) -> dict
     return found
 
 
-def _why_no_pairs(records: dict[str, list[BagRecord]], names: dict[str, str]) -> str:
+def _why_no_pairs(
+    records: dict[str, list[BagRecord]], names: dict[str, str], sent: int, answered: int
+) -> str:
+    if sent and not answered:
+        return f"There is nothing to compare: none of {sent} targets has a command."
     needed = (ACCEPTED_TARGET, ACHIEVED_POSE)
     missing = [names[topic.name] for topic in needed if not records[topic.name]]
     if missing:

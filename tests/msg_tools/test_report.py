@@ -199,3 +199,25 @@ def test_a_report_that_fails_half_way_keeps_the_earlier_one(
 def test_a_report_is_the_same_each_time(tmp_path: Path) -> None:
     bag = RobotRecording(count=8).write(tmp_path / "bag")
     assert tracking_report(read_bag(bag)) == tracking_report(read_bag(bag))
+
+
+def test_a_report_begins_with_why_targets_were_refused(tmp_path: Path) -> None:
+    recording = RobotRecording(count=6, refused=range(6))
+    last = "x is 2 m, the workspace is [0.2, 0.5] m"
+    recording.add_diagnostics({"outside workspace": 5, "not finite": 1}, last=last)
+    report = write_report(recording.write(tmp_path / "bag"), tmp_path / "out")
+    assert report.last_refusal == last
+    first, *rest = printed(report).splitlines()
+    assert first.startswith("! 6 targets were refused: outside workspace (5), not finite (1).")
+    assert last in f"{first} {rest[0]}"
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.index("6 targets were refused") < page.index("targets sent")
+    assert not any("bag_recorder" in note for note in report.notes)
+
+
+def test_a_report_without_refusals_says_nothing_of_them(tmp_path: Path) -> None:
+    recording = RobotRecording(count=6)
+    recording.add_diagnostics({})
+    report = tracking_report(read_bag(recording.write(tmp_path / "bag")))
+    assert report.why_refused == ""
+    assert printed(report).splitlines()[0].strip() == "Targets"

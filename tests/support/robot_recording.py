@@ -154,7 +154,9 @@ class RobotRecording:
             "tracking_error/orientation", stamped_vector(stamp, error.orientation), done + 4000
         )
 
-    def add_diagnostics(self, reasons: dict[str, int], name: str = "ik_node: targets") -> None:
+    def add_diagnostics(
+        self, reasons: dict[str, int], name: str = "ik_node: targets", last: str = ""
+    ) -> None:
         refused = sum(reasons.values())
         values = {
             "targets received": str(self.count),
@@ -162,6 +164,7 @@ class RobotRecording:
             "targets refused": str(refused),
         }
         values |= {f"refused: {reason}": str(count) for reason, count in reasons.items()}
+        values["last refusal"] = last
         stamp = self.stamp(self.count)
         self.add("/diagnostics", diagnostics(stamp, name, values), stamp)
 
