@@ -23,6 +23,8 @@ from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
 #: Longest time that a node may take to start and to end [s]; a loaded machine is slow.
 START_TIMEOUT = 120.0
 END_TIMEOUT = 60.0
+#: Time without a further result, after which no more are expected [s].
+RESULT_TIMEOUT = 10.0
 
 #: File that marks a folder which may be emptied.
 _MARKER = ".annik_demo"
@@ -105,7 +107,12 @@ def drive(
         **path,
     )
     publisher.wait(START_TIMEOUT + targets / rate + END_TIMEOUT)
-    wait_until(lambda: _recorded_errors(bag) >= targets, END_TIMEOUT, period=0.2)
+    recorded = -1
+    while recorded < targets:
+        before, recorded = recorded, _recorded_errors(bag)
+        if recorded == before:
+            break  # the others were refused
+        wait_until(lambda: _recorded_errors(bag) >= targets, RESULT_TIMEOUT, period=0.2)
     for process in (recorder, fake_robot, ik_node):
         process.interrupt(END_TIMEOUT)
 
@@ -140,7 +147,8 @@ def out_option(folder: str) -> Callable[[Any], Any]:
     """The option ``--out`` of a demonstration, with its default."""
     return click.option(
         "--out",
-        type=click.Path(path_type=Path),
+        # Complete, so that it means the same to every process.
+        type=click.Path(path_type=Path, resolve_path=True),
         default=Path(folder),
         show_default=True,
         help="Folder for everything that it makes.",

@@ -9,8 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from rosbags.rosbag2 import Reader
-from support.processes import LONG_PATIENCE, Process, run_python, wait_until
+from support.processes import LONG_PATIENCE, ROOT, Process, run_python, wait_until
+from support.robot_recording import RobotRecording
+
+from annik_core.errors import AnnikError
 
 PICTURES = ("errors.png", "path.png", "histogram.png", "latency.png")
 
@@ -74,6 +78,53 @@ def test_an_interrupted_demo_leaves_no_process(
         process.kill()
     assert "Traceback" not in process.log
     assert processes_mentioning(str(folder)) == []
+
+
+@pytest.mark.slow
+def test_the_demo_of_an_arm(tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    arguments = ("-m", "examples.demo", "--model", "ur5e", "--out", folder)
+    result = run_python(*arguments, patience=LONG_PATIENCE)
+    assert result.returncode == 0, result.stdout + result.stderr
+    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    assert results["targets_sent"] == results["targets_paired"] == 141
+    assert results["targets_refused"] == 0
+    assert results["position_error_mm"]["max"] < 1e-3
+    assert "training" not in results
+
+
+def test_a_model_that_is_missing_ends_the_demo_before_it_touches_anything(tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    result = run_python("-m", "examples.demo", "--model", "no.onnx", "--out", folder)
+    assert result.returncode == 1
+    assert "no.onnx" in result.stderr and "Traceback" not in result.stderr
+    assert not folder.exists()
+
+
+def test_a_model_in_the_folder_of_the_demo_is_not_deleted(tmp_path: Path) -> None:
+    (tmp_path / ".annik_demo").touch()
+    model = tmp_path / "model.onnx"
+    model.write_bytes((ROOT / "models" / "gantry.onnx").read_bytes())
+    result = run_python("-m", "examples.demo", "--model", model, "--out", tmp_path)
+    assert result.returncode == 1
+    assert "--model" in result.stderr and model.exists()
+
+
+def test_a_demo_with_refused_targets_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The report is there, and the error says why."""
+    from examples import demo
+
+    recording = RobotRecording(count=9, refused=range(9))
+    recording.add_diagnostics({"outside workspace": 9})
+    monkeypatch.setattr(
+        demo, "drive", lambda started, name, bag, *others: recording.write(bag) and None
+    )
+    with pytest.raises(AnnikError, match=r"0 of 141 targets .* outside workspace"):
+        demo.run_demo(tmp_path / "demo", "gantry", Console())
+    assert "outside workspace" in capsys.readouterr().out
+    assert (tmp_path / "demo" / "report.html").is_file()
 
 
 def test_a_folder_with_other_files_is_not_emptied(tmp_path: Path) -> None:
