@@ -31,6 +31,8 @@ RUN_COMMANDS = {
     "paper": ("benchmarks.paper.command", "paper"),
     "study": ("benchmarks.study.command", "study"),
     "bench": ("benchmarks.__main__", "bench"),
+    "demo": ("examples.demo", "main"),
+    "learn": ("examples.learn", "main"),
 }
 #: Endings of the files that a page may name, apart from those that annik writes.
 SOURCE_SUFFIXES = {".py", ".md", ".jinja", ".toml", ".xml", ".cfg", ".txt", ".sh"}
