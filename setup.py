@@ -83,7 +83,7 @@ setup(
     extras_require={
         # The kinematics of arms. With ROS 2 sourced, rosdep's pinocchio is the better choice.
         "arms": ["pin>=3.0"],
-        # The solvers that ``annik bench ik`` compares with; KDL comes from the system's packages.
+        # The solvers that ``./run bench ik`` compares with; KDL comes from the system's packages.
         "peers": [
             "EAIK>=1.2",
             "ik-geo>=1.0",

@@ -95,7 +95,7 @@ def drive(
     fake_robot = started.node(f"{name}fake_robot", "annik_ros.fake_robot.node", **robot)
     recorder = started.node(f"{name}bag_recorder", "annik_ros.bag_recorder.node", output=bag)
     # A queue for all targets: the default keeps only the newest.
-    ik_node = started.node(f"{name}ik_node", "annik_ros.ik_node.node", queue_depth=100, **solver)
+    ik_node = started.node(f"{name}ik_node", "annik_ros.ik_node.node", queue_depth=1000, **solver)
     fake_robot.wait_for_text("joint_command -> joint_states", START_TIMEOUT)
     ik_node.wait_for_text("target_pose -> joint_command", START_TIMEOUT)
     recorder.wait_for_text("recording ", START_TIMEOUT)

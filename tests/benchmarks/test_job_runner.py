@@ -45,6 +45,7 @@ def test_each_job_comes_with_its_outcome(workers: int):
     assert dict(run_jobs(square, range(5), workers)) == {0: 0, 1: 1, 2: 4, 3: 9, 4: 16}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["threading", "multiprocessing"])
 def test_another_backend_can_take_over(backend: str):
     """Ray's is one of multiprocessing, and gives no outcome before the last."""

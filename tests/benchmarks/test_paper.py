@@ -157,6 +157,7 @@ class TestResults:
                 assert errors["max15"] == max(errors["points"])
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_in_any_number_of_processes() -> None:
     """Bit for bit, on the examples and on the path: rounding would grow from fit to fit."""
     options = FitOptions(restarts=1, max_evaluations=3, seed=3)
@@ -214,6 +215,7 @@ def test_numbers_have_two_digits(value: float | None, text: str) -> None:
     assert _number(value) == text
 
 
+@pytest.mark.slow
 class TestCommand:
     def test_it_writes_page_results_tables_and_figures(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -84,6 +84,7 @@ def test_all_files_are_written_and_agree(tmp_path: Path) -> None:
     assert "outside <the> workspace: 1" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 2, 1500])
 def test_bags_of_any_size_have_a_report(tmp_path: Path, count: int) -> None:
     report = write_report(RobotRecording(count=count).write(tmp_path / "bag"), tmp_path / "out")
@@ -94,6 +95,7 @@ def test_bags_of_any_size_have_a_report(tmp_path: Path, count: int) -> None:
     assert len(printed(report).splitlines()) < 50
 
 
+@pytest.mark.slow
 def test_errors_over_decades_and_without_errors_can_be_drawn(tmp_path: Path) -> None:
     recording = RobotRecording(count=60)
     for number, message in enumerate(recording.messages):

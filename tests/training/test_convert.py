@@ -76,6 +76,7 @@ def test_a_file_of_today_is_not_converted(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["network.output.bias", "network.hidden.layers.0.weight"])
 def test_altered_weights_are_not_converted(tmp_path: Path, name: str) -> None:
     """The reference answers are the old file's, and prove the new one."""

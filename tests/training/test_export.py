@@ -123,6 +123,7 @@ def test_a_graph_that_computes_something_else_is_not_written(
         assert not caught.value.difference < 0.99e-7
 
 
+@pytest.mark.slow
 def test_export_proves_the_file_before_it_writes(
     fitted: FittedNetwork, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -143,6 +144,7 @@ def test_export_proves_the_file_before_it_writes(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_training_evaluates_on_poses_it_was_not_trained_on(
     dataset: Dataset, tmp_path: Path
 ) -> None:
@@ -154,6 +156,7 @@ def test_training_evaluates_on_poses_it_was_not_trained_on(
     assert not set(map(tuple, unseen.poses)) & set(map(tuple, dataset.poses))
 
 
+@pytest.mark.slow
 def test_a_linear_path_is_exported(gantry: Robot, dataset: Dataset, tmp_path: Path) -> None:
     """Beside the hidden layers; a node accepts the file, which says how it was fitted."""
     options = replace(OPTIONS, max_evaluations=1, linear_path=True, held_out_fraction=0.0)

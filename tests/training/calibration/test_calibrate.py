@@ -77,6 +77,7 @@ def from_fifty() -> CalibratedRobot:
     return calibrate(UR5E, measured_ur5e(TRUTH, 50), QUICK)
 
 
+@pytest.mark.slow
 class TestAccuracy:
     """Distance of the calibrated robot from the true one, anywhere in the joint box."""
 
@@ -210,6 +211,7 @@ class TestWhatIsSaid:
             assert bound.mean() < 5.0 * np.quantile(error, 0.95)
 
 
+@pytest.mark.slow
 def test_gross_outliers_are_found_and_do_no_harm(from_fifty: CalibratedRobot) -> None:
     """A reflection, a marker that slipped, another row's orientation."""
     poses = from_fifty.dataset.poses.copy()
@@ -329,6 +331,7 @@ def test_options_out_of_range_are_named(options: dict[str, object]) -> None:
     assert caught.value.name == next(iter(options))
 
 
+@pytest.mark.slow
 def test_a_locked_joint_is_no_obstacle() -> None:
     """Of seven joints one is locked; another is an arm with a prismatic one."""
     for name in ("iiwa14", "scara"):

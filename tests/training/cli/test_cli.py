@@ -288,6 +288,7 @@ def test_how_to_make_examples_can_not_be_said_beside_a_dataset(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_train_writes_the_model_and_its_summary(tmp_path: Path) -> None:
     dataset, model, summary = (tmp_path / name for name in ("d.npz", "m.onnx", "s.json"))
     assert invoke("design", "--steps", 3, "--out", dataset).exit_code == 0
@@ -307,6 +308,7 @@ def test_train_writes_the_model_and_its_summary(tmp_path: Path) -> None:
     assert invoke("info", model).exit_code == 0
 
 
+@pytest.mark.slow
 def test_an_affine_robot_is_trained_exactly_on_seven_examples(tmp_path: Path) -> None:
     """Nothing held out; the summary is JSON that any parser reads, so without NaN."""
     model, summary = tmp_path / "m.onnx", tmp_path / "s.json"

@@ -69,6 +69,7 @@ def test_an_arm_is_trained_from_its_urdf(arm_model: Path) -> None:
     assert re.search(r"Refined: \d+\.\d\d % solved inside the joint box, at most", printed)
 
 
+@pytest.mark.slow
 def test_evaluate_measures_an_arm_and_draws_a_map(arm_model: Path, tmp_path: Path) -> None:
     plot = tmp_path / "new" / "map.png"
     result = invoke("evaluate", arm_model, "--plot", plot, "--evaluation-poses", 200)
@@ -163,6 +164,7 @@ def test_design_checks_and_draws_an_arm(arm: Path) -> None:
         assert (archive["joint_positions"][:, 3] == 0.5).all()
 
 
+@pytest.mark.slow
 def test_a_dataset_of_an_arm_is_trained_on(arm: Path) -> None:
     """By the defaults of an arm; neither frames nor box can be said beside it."""
     made = invoke(

@@ -75,6 +75,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     )
 
 
+@pytest.mark.slow
 class TestCalibrate:
     """The model file that comes of measured poses."""
 
@@ -125,6 +126,7 @@ class TestCalibrate:
         assert "<robot" not in result.output
 
 
+@pytest.mark.slow
 class TestTampering:
     """Corrections in a model file are part of what the robot's hash is about."""
 
@@ -166,6 +168,7 @@ class TestTampering:
         assert "ur5e" in caught.value.found
 
 
+@pytest.mark.slow
 class TestEvaluate:
     """Before and after."""
 

@@ -39,6 +39,7 @@ def test_size_box_and_no_row_twice(dof: int) -> None:
     assert len(np.unique(rows, axis=0)) == len(rows)
 
 
+@pytest.mark.slow
 def test_same_seed_same_examples() -> None:
     first = make_design(ElbowArm(), "active", 12, seed=1)
     assert np.array_equal(first, make_design(ElbowArm(), "active", 12, seed=1))
