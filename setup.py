@@ -117,11 +117,11 @@ setup(
     entry_points={
         "console_scripts": [
             "annik = annik_training.cli:main",
-            "bag_recorder = annik_ros.bag_recorder.node:main",
-            "example_collector = annik_ros.example_collector.node:main",
-            "fake_robot = annik_ros.fake_robot.node:main",
-            "ik_node = annik_ros.ik_node.node:main",
-            "target_publisher = annik_ros.target_publisher.node:main",
+            "bag_recorder = annik_ros.main:bag_recorder",
+            "example_collector = annik_ros.main:example_collector",
+            "fake_robot = annik_ros.main:fake_robot",
+            "ik_node = annik_ros.main:ik_node",
+            "target_publisher = annik_ros.main:target_publisher",
         ]
     },
     zip_safe=False,

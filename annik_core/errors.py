@@ -23,6 +23,40 @@ class MissingDependency(AnnikError):
         super().__init__(f"{purpose} needs {library}: {remedy}")
 
 
+_ROS = "source /opt/ros/jazzy/setup.bash in this terminal, or pip install 'annik_ros[ros]'"
+#: What to install, where it is not ``pip install`` with the name that Python imports.
+_REMEDIES = {
+    "jinja2": "sudo apt install python3-jinja2, or pip install jinja2",
+    "matplotlib": "sudo apt install python3-matplotlib, or pip install matplotlib",
+    "mcap": "pip install mcap mcap-ros2-support",
+    "numpy": "sudo apt install python3-numpy, or pip install numpy",
+    "pinocchio": "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio",
+    "rcl_interfaces": _ROS,
+    "builtin_interfaces": _ROS,
+    "rclpy": _ROS,
+    "scipy": "sudo apt install python3-scipy, or pip install scipy",
+    "std_srvs": _ROS,
+    "yaml": "sudo apt install python3-yaml, or pip install pyyaml",
+}
+
+
+def missing_dependency(error: ImportError, purpose: str) -> MissingDependency:
+    """The error for a library that can't be imported, with what to install.
+
+    Raises:
+        ImportError: ``error`` itself, if it is about a module of annik.
+    """
+    library = (error.name or "a library").partition(".")[0]
+    if library.startswith(("annik_", "msg_tools")):
+        raise error
+    remedy = _ROS if library.endswith("_msgs") else f"pip install {library}"
+    remedy = _REMEDIES.get(library, remedy)
+    if not isinstance(error, ModuleNotFoundError):
+        problem = " ".join(str(error).split())
+        remedy = f"it is installed, but fails ({problem}); install it again: {remedy}"
+    return MissingDependency(library, purpose, remedy)
+
+
 class InvalidValue(AnnikError):
     """A setting, an option or a parameter has a value that is not allowed.
 

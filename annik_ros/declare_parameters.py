@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import SequenceMatcher
 from typing import TypeVar
 
 from rcl_interfaces.msg import (
@@ -18,6 +20,26 @@ from annik_ros.parameters import Parameter, from_values, number_meant, parameter
 
 Parameters = TypeVar("Parameters")
 
+#: Parameters of one node of annik whose names are much like one of another node.
+OF_OTHER_NODES = frozenset({"max_orientation_residual", "max_orientation_spread", "mode"})
+
+
+class MisspeltParameter(AnnikError):
+    """A parameter that the node does not have was given, and it has one of nearly this name.
+
+    Attributes:
+        given: the name that was given.
+        meant: the name of the parameter.
+    """
+
+    def __init__(self, given: str, meant: str) -> None:
+        self.given = given
+        self.meant = meant
+        super().__init__(
+            f"there is no parameter {given!r}: write {meant!r}; --help lists all. A parameter of "
+            "another node belongs under the name of that node in a parameter file"
+        )
+
 
 def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
     """Declare the parameters of a dataclass on a node, with descriptions and ranges.
@@ -32,9 +54,11 @@ def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
         The values given on the command line or in a file, the defaults for the rest.
 
     Raises:
+        MisspeltParameter: if a name was given that is nearly that of a parameter.
         AnnikError: if a value has the wrong type, is out of range or contradicts another.
     """
     rows = {row.name: row for row in parameter_table(parameters)}
+    _check_names(node, rows)
     values = {row.name: _declare(node, row) for row in rows.values()}
     node.add_pre_set_parameters_callback(lambda given: [_meant(rows, one) for one in given])
     node.add_on_set_parameters_callback(lambda given: _validated(node, parameters, given))
@@ -70,6 +94,36 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
                 IntegerRange(from_value=int(lowest), to_value=int(setting.maximum))
             ]
     return message
+
+
+def _check_names(node: Node, names: Iterable[str]) -> None:
+    """Refuse misspelt parameters; say which others are ignored, as those of a shared file are."""
+    declared = {*names, *node.list_parameters([], 0).names}
+    # rclpy says nowhere else what was given.
+    given = set(node._parameter_overrides) - declared
+    for name in sorted(given - OF_OTHER_NODES):
+        meant = meant_parameter(name, declared)
+        if meant is not None:
+            raise MisspeltParameter(name, meant)
+    if given:
+        node.get_logger().info(f"not parameters of this node, ignored: {', '.join(sorted(given))}")
+
+
+def meant_parameter(name: str, declared: Iterable[str]) -> str | None:
+    """The parameter of nearly this name: letters missing, added, swapped, wrong or in capitals."""
+    meant = max(declared, key=lambda one: _likeness(name, one))
+    return meant if _likeness(name, meant) >= 0.8 else None
+
+
+def _likeness(name: str, other: str) -> float:
+    """1 for the same letters in any order, 0 for none in common."""
+    name, other = (text.lower().replace("_", "") for text in (name, other))
+    if sorted(name) == sorted(other):
+        return 1.0
+    if len(name) == len(other) and sum(map(str.__ne__, name, other)) == 1:
+        # Those that differ in the first letter are other words, such as joints and points.
+        return 0.9 if name[0] == other[0] else 0.0
+    return SequenceMatcher(None, name, other).ratio()
 
 
 def _meant(rows: dict[str, Parameter], given: GivenParameter) -> GivenParameter:

@@ -1,9 +1,9 @@
-"""The process of a node: signals, executor, exit code."""
+"""The process of a node: command line, executor, end, exit code."""
 
 from __future__ import annotations
 
 import gc
-import signal
+import inspect
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -11,13 +11,16 @@ from typing import Final, TypeVar
 
 import rclpy
 from rclpy.exceptions import NameValidationException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, missing_dependency
+from annik_ros.command_line import asks_for_help, check_arguments, help_text
 from annik_ros.parameters import ExecutorChoice
+from annik_ros.signals import END_SIGNALS
 
 #: Longest wait for work [s]. The events executor of Jazzy runs callbacks only with a finite wait.
 _LONGEST_WAIT: Final = 0.5
@@ -53,123 +56,116 @@ def make_executor(choice: ExecutorChoice) -> Executor:
     return SingleThreadedExecutor()
 
 
-def spin(
-    executor: Executor,
-    finished: Future | None = None,
-    on_error: Callable[[Exception], None] | None = None,
-) -> None:
-    """Run callbacks until ``finished`` is done or the context is shut down.
-
-    Args:
-        executor: has the nodes.
-        finished: None: never.
-        on_error: receives the error of a callback, after which the nodes continue; None: it is
-            raised.
-
-    Raises:
-        AnnikError: from a callback, which ends the process on purpose.
-        ExternalShutdownException: if the context is shut down while the executor waits.
-    """
-    while rclpy.ok() and not (finished is not None and finished.done()):
-        try:
-            executor.spin_once(timeout_sec=_LONGEST_WAIT)
-        except (AnnikError, ExternalShutdownException):
-            raise
-        except Exception as error:
-            if on_error is None or not rclpy.ok():
-                raise
-            on_error(error)
-
-
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
-
-# An executor that a signal interrupts while it is made has no such attribute; its __del__ asks.
-Executor._sigint_gc = None
-
 AnyNode = TypeVar("AnyNode", bound=Node)
-
-
-def initialise(name: str, args: list[str] | None = None) -> bool:
-    """Initialise rclpy; False after one line on the fault of the command line.
-
-    Args:
-        name: name of the node, for the log.
-        args: the command line; None means that of the process.
-    """
-    try:
-        rclpy.init(args=args)
-    except RuntimeError as error:
-        # rclpy has no public class for faults of ROS arguments; there is no log yet.
-        print(f"[FATAL] [{name}]: {one_line(error)}", file=sys.stderr)
-        return False
-    return True
 
 
 def run_node(
     name: str,
     make_node: Callable[[], AnyNode],
+    parameters: type,
     args: list[str] | None = None,
+    *,
     finished: Callable[[AnyNode], Future] | None = None,
     executor: Callable[[AnyNode], Executor] = lambda _: SingleThreadedExecutor(),
     on_error: Callable[[AnyNode, Exception], None] | None = None,
+    finish: Callable[[AnyNode], str] | None = None,
 ) -> int:
     """Make a node and spin it until SIGINT, SIGTERM, its own end, or a fault.
 
     Args:
         name: name of the node in the log before it exists.
-        make_node: makes it; may raise an :class:`AnnikError` for a fault of the set-up.
-        args: the command line; None means that of the process.
-        finished: the future of the node that is done when its work is; None: never.
+        make_node: the class of the node; may raise an :class:`AnnikError` for a fault of the
+            set-up.
+        parameters: the dataclass of its parameters, for ``--help``.
+        args: the command line with the program before it; None means that of the process.
+        finished: the future of the node that is done when its work is, with the exit code or
+            None; None: never.
         executor: makes the executor.
         on_error: receives the error of a callback, after which the node continues; None: it ends.
+        finish: what is done at the end in any case; returns a line for the log. May raise an
+            :class:`AnnikError`.
 
     Returns:
         The exit code: 0, or 1 after one line on the fault.
     """
-    # Signals wait until everything is made: the middleware and the events executor would take
-    # them for a fault, or end the process.
-    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-    if not initialise(name, args):
+    END_SIGNALS.take(name)
+    arguments = (sys.argv if args is None else args)[1:]
+    if asks_for_help(arguments):
+        print(help_text(name, (inspect.getdoc(make_node) or "").partition("\n\n")[0], parameters))
+        return 0
+    END_SIGNALS.defer()
+    try:
+        check_arguments(arguments)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    # rclpy has no public class for faults of ROS arguments; there is no log yet.
+    except (AnnikError, RuntimeError) as error:
+        print(f"[FATAL] [{name}]: {one_line(error)}", file=sys.stderr)
         return 1
-    node = None
+    logger = get_logger(name)
+    node: AnyNode | None = None
+    exit_code = 1
     try:
         node = make_node()
-        _spin(
-            node,
-            executor(node),
-            finished(node) if finished else None,
-            partial(on_error, node) if on_error else None,
-        )
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        done = finished(node) if finished else Future()
+        spin(node, executor(node), done, partial(on_error, node) if on_error else None)
+        exit_code = int(done.result() or 0)
+    except ImportError as error:
+        logger.fatal(one_line(missing_dependency(error, name)))
     except (AnnikError, NameValidationException) as error:
-        get_logger(name).fatal(one_line(error))
-        return 1
-    except RuntimeError:
-        # A signal ends the context at once; what is being made or published then fails.
-        if rclpy.ok():
-            raise
+        logger.fatal(one_line(error))
     finally:
+        # Also after an unexpected error.
+        last_words = f"ended by {END_SIGNALS.received}" if END_SIGNALS.received else ""
+        try:
+            if node is not None and finish is not None:
+                last_words = finish(node)
+        except AnnikError as error:
+            logger.fatal(one_line(error))
+            last_words, exit_code = "", 1
         if node is not None:
             node.destroy_node()
+        if last_words:
+            logger.info(last_words)
         rclpy.try_shutdown()
-    return 0
+    return exit_code
 
 
-def _spin(
+def spin(
     node: Node,
     executor: Executor,
-    finished: Future | None,
-    on_error: Callable[[Exception], None] | None,
+    finished: Future,
+    on_error: Callable[[Exception], None] | None = None,
 ) -> None:
+    """Run callbacks until ``finished`` is done or the process is told to end.
+
+    Args:
+        node: the node.
+        executor: runs it.
+        finished: is done when the work of the node is.
+        on_error: receives the error of a callback, after which the node continues; None: it is
+            raised.
+
+    Raises:
+        AnnikError: from a callback, which ends the process on purpose.
+    """
     # Later collections skip what exists now, so that they do not delay targets.
     gc.collect()
     gc.freeze()
     try:
         executor.add_node(node)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
-        spin(executor, finished, on_error)
+        # A task ends the present wait.
+        END_SIGNALS.call(lambda: executor.create_task(lambda: None))
+        while not finished.done() and not END_SIGNALS.received:
+            try:
+                executor.spin_once(timeout_sec=_LONGEST_WAIT)
+            except AnnikError:
+                raise
+            except Exception as error:
+                if on_error is None:
+                    raise
+                on_error(error)
     finally:
+        END_SIGNALS.call(lambda: None)
         executor.shutdown(timeout_sec=0.0)
 
 

@@ -79,8 +79,8 @@ def _as_markdown(sentence: str) -> str:
 
 def topics() -> str:
     """All topics."""
-    rows = [(f"`{t.name}`", f"`{t.type}`", t.publisher, t.meaning) for t in TOPICS]
-    return table(("topic", "type", "published by", "meaning"), rows)
+    rows = [(f"`{t.name}`", f"`{t.type}`", t.publisher, t.subscriber, t.meaning) for t in TOPICS]
+    return table(("topic", "type", "published by", "received by", "meaning"), rows)
 
 
 def parameters(node: str) -> Callable[[], str]:

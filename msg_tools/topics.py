@@ -11,50 +11,58 @@ class Topic(NamedTuple):
     Attributes:
         name: relative, for namespaces and remapping.
         type: ROS message type, such as ``geometry_msgs/msg/Pose``.
-        publisher: the node that publishes it; ``you`` for the targets.
+        publisher: the nodes that publish it; ``you`` for the targets.
+        subscriber: the nodes that receive it, besides bag_recorder.
         meaning: content of the message, with frame and units.
     """
 
     name: str
     type: str
     publisher: str
+    subscriber: str
     meaning: str
 
 
 TARGET_POSE = Topic(
     "target_pose",
     "geometry_msgs/msg/Pose",
-    "you",
+    "you, or target_publisher",
+    "ik_node",
     "target pose of the end effector in the base frame [m, unit quaternion]",
 )
 TARGET_POSE_STAMPED = Topic(
     "target_pose_stamped",
     "geometry_msgs/msg/PoseStamped",
-    "you",
+    "you, or target_publisher",
+    "ik_node",
     "the same with a frame: the base frame, or empty",
 )
 TARGET_POSES = Topic(
     "target_poses",
     "geometry_msgs/msg/PoseArray",
     "you",
+    "ik_node",
     "a path of target poses in the base frame, solved as a whole: one joint_trajectory, or none",
 )
 JOINT_COMMAND = Topic(
     "joint_command",
     "sensor_msgs/msg/JointState",
     "ik_node, or example_collector",
+    "the robot, or fake_robot",
     "joint positions that reach the target [rad or m]; stamp: when the target was accepted",
 )
 ACCEPTED_TARGET = Topic(
     "accepted_target",
     "geometry_msgs/msg/PoseStamped",
     "ik_node",
+    "fake_robot",
     "the target of the command with the same stamp; published if there is a subscriber",
 )
 JOINT_TRAJECTORY = Topic(
     "joint_trajectory",
     "trajectory_msgs/msg/JointTrajectory",
     "ik_node",
+    "ros2_control",
     "the joint positions for target_poses, and each command if publish_joint_trajectory is set, "
     "for ros2_control's joint_trajectory_controller [rad or m]; stamp: zero, to start at once",
 )
@@ -62,6 +70,7 @@ POSITION_COMMANDS = Topic(
     "position_commands",
     "std_msgs/msg/Float64MultiArray",
     "ik_node",
+    "ros2_control",
     "each command if publish_position_commands is set, for ros2_control's "
     "forward_command_controller, in the order of the joints [rad or m]",
 )
@@ -69,6 +78,7 @@ JOINT_STATES = Topic(
     "joint_states",
     "sensor_msgs/msg/JointState",
     "the robot, or fake_robot",
+    "ik_node, example_collector",
     "measured joint positions [rad or m]; the first command must be near them. fake_robot: "
     "after each command, with its stamp; at measurement_rate, with the stamp of measured_pose",
 )
@@ -76,6 +86,7 @@ ACHIEVED_POSE = Topic(
     "achieved_pose",
     "geometry_msgs/msg/PoseStamped",
     "fake_robot",
+    "you",
     "end-effector pose at those joint positions in the base frame, by the forward kinematics or "
     "with the errors of an imperfect arm; stamp: its command's",
 )
@@ -83,6 +94,7 @@ MEASURED_POSE = Topic(
     "measured_pose",
     "geometry_msgs/msg/PoseStamped",
     "a tracker, or fake_robot",
+    "example_collector",
     "end-effector pose in the base frame, with noise [m, unit quaternion]; stamp: time of the "
     "measurement",
 )
@@ -90,18 +102,21 @@ POSITION_ERROR = Topic(
     "tracking_error/position",
     "geometry_msgs/msg/Vector3Stamped",
     "fake_robot",
+    "you",
     "target minus achieved position in the base frame [m]; stamp: its command's",
 )
 ORIENTATION_ERROR = Topic(
     "tracking_error/orientation",
     "geometry_msgs/msg/Vector3Stamped",
     "fake_robot",
+    "you",
     "rotation vector from achieved to target in the base frame [rad]; stamp: its command's",
 )
 DIAGNOSTICS = Topic(
     "/diagnostics",
     "diagnostic_msgs/msg/DiagnosticArray",
     "ik_node, fake_robot, example_collector",
+    "you",
     "model, robot, counts by outcome, times; every second",
 )
 

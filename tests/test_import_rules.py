@@ -64,7 +64,9 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
     ),
     "msg_tools": ("topics", "conversions", "bags", "report"),
     "annik_ros": (
+        "signals",
         "parameters",
+        "command_line",
         "declare_parameters",
         "diagnostic_values",
         "diagnostics",
@@ -82,6 +84,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "parameter_tables",
         "launch_arguments",
         "launch_actions",
+        "main",
         "round_trip",
         "doctor",
     ),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.errors import MissingDependency
+from annik_core.errors import MissingDependency, missing_dependency
 from annik_core.pose import FloatArray, Numbers
 from annik_core.robots.corrected_kinematics import (
     JointCorrectedKinematics,
@@ -32,7 +32,7 @@ from annik_core.robots.robot import (
 )
 from annik_core.robots.urdf import SerialChain, serial_chain
 
-_REMEDY = "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio"
+_PURPOSE = "the kinematics of arms"
 _NO_REFERENCE: FloatArray = np.zeros(0)
 #: Most moving joints of an arm.
 MAX_JOINTS = 32
@@ -42,19 +42,12 @@ def _pinocchio() -> Any:
     """Import Pinocchio, which only arms need."""
     try:
         import pinocchio
-    except ModuleNotFoundError as error:
-        raise MissingDependency("pinocchio", "the kinematics of arms", _REMEDY) from error
     except ImportError as error:
-        raise MissingDependency(
-            "pinocchio", "the kinematics of arms", f"it is installed, but fails: {error}"
-        ) from error
+        raise missing_dependency(error, _PURPOSE) from error
     if not hasattr(pinocchio, "buildModelFromXML"):
         # Another project has this name on PyPI.
-        raise MissingDependency(
-            "pinocchio",
-            "the kinematics of arms",
-            f"{_REMEDY}; what is installed under this name is another project",
-        )
+        other = "pip install pin; what is installed under this name is another project"
+        raise MissingDependency("pinocchio", _PURPOSE, other)
     return pinocchio
 
 
@@ -191,7 +184,7 @@ def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
         if not data.iMf[0].isApprox(expected, 1e-9):
             raise MissingDependency(
                 "pinocchio",
-                "the kinematics of arms",
+                _PURPOSE,
                 f"version {pin.__version__} computes Jacobians in another way; install 4.1",
             )
 

@@ -10,12 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final
 
-import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import NameValidationException
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -34,7 +31,7 @@ from rosbags.interfaces import (
 from annik_core.errors import AnnikError, NotWritable
 from annik_ros.bag_recorder.parameters import BagRecorderParameters
 from annik_ros.declare_parameters import declare_parameters
-from annik_ros.run_node import initialise, one_line
+from annik_ros.run_node import one_line, run_node
 from msg_tools.bags.types import is_known_type
 from msg_tools.bags.writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.topics import TOPICS
@@ -87,17 +84,13 @@ class BagRecorder(Node):
         )
         self._subscribe_to_known_types()
 
-    def close_bag(self) -> None:
-        """Close the bag; needs no valid ROS context.
+    def close_bag(self) -> str:
+        """Close the bag; returns one line on what was recorded.
 
         Raises:
             NotWritable: if the disk refuses.
         """
         self._writer.close()
-
-    @property
-    def summary(self) -> str:
-        """One line on what was recorded."""
         return f"recorded {self._writer.message_count} messages to {self._writer.directory}"
 
     def _resolved(self, name: str) -> str:
@@ -256,40 +249,15 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         0, or 1 if the command line is wrong or the bag could not be written.
     """
-    if not initialise(NODE_NAME, args):
-        return 1
-    recorder: BagRecorder | None = None
-    errors: list[Exception] = []
-    exit_code = 0
-    try:
-        recorder = BagRecorder()
-        # Not EventsExecutor: on Jazzy it can't pass the times of a message.
-        rclpy.spin_until_future_complete(recorder, recorder.finished)
-        exit_code = recorder.finished.result() or 0
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except (AnnikError, NameValidationException) as error:
-        errors.append(error)
-    except RuntimeError:
-        # A signal during the start: calls of rclpy fail in many ways.
-        if rclpy.ok():
-            raise
-    summary = None
-    if recorder is not None:
-        try:
-            recorder.close_bag()
-            summary = recorder.summary
-        except NotWritable as error:
-            errors.append(error)
-        # Before the last log lines, which would otherwise be published on /rosout.
-        recorder.destroy_node()
-    logger = rclpy.logging.get_logger(NODE_NAME)
-    for problem in errors:
-        logger.fatal(one_line(problem))
-    if summary is not None:
-        logger.info(summary)
-    rclpy.try_shutdown()
-    return 1 if errors else exit_code
+    # Not EventsExecutor: on Jazzy it can't pass the times of a message.
+    return run_node(
+        NODE_NAME,
+        BagRecorder,
+        BagRecorderParameters,
+        args,
+        finished=lambda recorder: recorder.finished,
+        finish=BagRecorder.close_bag,
+    )
 
 
 if __name__ == "__main__":

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from typing import Final
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.clock import Clock, ClockType
-from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.task import Future
@@ -29,7 +27,7 @@ from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcom
 from annik_ros.example_collector.parameters import ExampleCollectorParameters
 from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
-from annik_ros.run_node import NotInTime, one_line, run_node
+from annik_ros.run_node import NotInTime, run_node
 from annik_ros.throttle import Throttle
 from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.pose import pose_to_array
@@ -85,6 +83,7 @@ class ExampleCollector(Node):
         """
         super().__init__(NODE_NAME)
         self.finished = Future()
+        self._started = time.monotonic()
         self._options = declare_parameters(self, ExampleCollectorParameters)
         plan_path, self._dataset_path = self._options.paths
         plan = load_dataset(plan_path)
@@ -119,7 +118,7 @@ class ExampleCollector(Node):
         )
 
     def write_dataset(self) -> str:
-        """Write the measured examples and close the journal; needs no valid ROS context.
+        """Write the measured examples and close the journal.
 
         Returns:
             One line on what was written.
@@ -137,7 +136,7 @@ class ExampleCollector(Node):
             self._journal.close()
         return (
             f"wrote {len(self._journal.examples)} of {len(self._journal.plan)} examples to "
-            f"{self._dataset_path}"
+            f"{self._dataset_path} after {duration_in_words(time.monotonic() - self._started)}"
         )
 
     def _wait_for_robot(self) -> None:
@@ -271,34 +270,14 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         0, or 1 if something can't be used, the robot is at fault, or examples are missing.
     """
-    collectors: list[ExampleCollector] = []
-
-    def make() -> ExampleCollector:
-        collectors.append(ExampleCollector())
-        return collectors[-1]
-
-    started = time.monotonic()
-    exit_code = 1
-    try:
-        exit_code = run_node(NODE_NAME, make, args, lambda node: node.finished)
-    finally:
-        # A second Ctrl-C must not lose the dataset.
-        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-        # Also after an unexpected error.
-        for collector in collectors:
-            exit_code = max(exit_code, _write_dataset(collector, time.monotonic() - started))
-    return exit_code
-
-
-def _write_dataset(collector: ExampleCollector, duration: float) -> int:
-    logger = get_logger(NODE_NAME)
-    try:
-        summary = collector.write_dataset()
-    except AnnikError as error:
-        logger.fatal(one_line(error))
-        return 1
-    logger.info(f"{summary} after {duration_in_words(duration)}")
-    return 0
+    return run_node(
+        NODE_NAME,
+        ExampleCollector,
+        ExampleCollectorParameters,
+        args,
+        finished=lambda node: node.finished,
+        finish=ExampleCollector.write_dataset,
+    )
 
 
 if __name__ == "__main__":

@@ -193,7 +193,7 @@ def _load(parameters: FakeRobotParameters) -> Robot:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run_node(NODE_NAME, FakeRobotNode, args)
+    return run_node(NODE_NAME, FakeRobotNode, FakeRobotParameters, args)
 
 
 if __name__ == "__main__":

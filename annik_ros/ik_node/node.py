@@ -262,13 +262,7 @@ class IkNode(ManagedNode):
         if not result.accepted:
             self._refused(serving, result)
             return
-        try:
-            serving.publishers.publish(result)
-        except RuntimeError:
-            # A signal ended the context while the target was solved.
-            if self.context.ok():
-                raise
-            return
+        serving.publishers.publish(result)
         serving.server.record_latency(time.perf_counter() - arrival)
 
     def _refused(self, serving: Serving, refusal: IkResult) -> None:
@@ -347,6 +341,7 @@ def main(args: list[str] | None = None) -> int:
     return run_node(
         NODE_NAME,
         IkNode,
+        IkNodeParameters,
         args,
         executor=lambda node: make_executor(node.options.executor),
         on_error=IkNode.on_error_of_callback,

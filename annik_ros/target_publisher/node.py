@@ -200,7 +200,13 @@ class TargetPublisher(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run_node(NODE_NAME, TargetPublisher, args, lambda node: node.finished)
+    return run_node(
+        NODE_NAME,
+        TargetPublisher,
+        TargetPublisherParameters,
+        args,
+        finished=lambda node: node.finished,
+    )
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 
 from geometry_msgs.msg import Pose
 from rclpy.node import Node
@@ -15,6 +16,11 @@ from msg_tools.topics import JOINT_COMMAND, TARGET_POSE
 
 NODE_NAME = "null_node"
 _JOINTS = 6
+
+
+@dataclass(frozen=True)
+class NullNodeParameters:
+    """None that ``--help`` would list."""
 
 
 class NullNode(Node):  # type: ignore[misc,unused-ignore]
@@ -58,7 +64,11 @@ class NullNode(Node):  # type: ignore[misc,unused-ignore]
 def main(args: list[str] | None = None) -> int:
     """Run the node; returns the exit code."""
     return run_node(
-        NODE_NAME, NullNode, args, executor=lambda node: make_executor(node.executor_choice)
+        NODE_NAME,
+        NullNode,
+        NullNodeParameters,
+        args,
+        executor=lambda node: make_executor(node.executor_choice),
     )
 
 

@@ -1,0 +1,36 @@
+"""The console scripts of the nodes.
+
+Imports next to nothing before the signals are taken, and says in one line what is not installed.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from importlib import import_module
+
+from annik_ros.signals import END_SIGNALS
+
+
+def run(name: str) -> int:
+    """Run a node by its name; returns the exit code."""
+    END_SIGNALS.take(name)
+    try:
+        main = import_module(f"annik_ros.{name}.node").main
+    except ImportError as error:
+        from annik_core.errors import missing_dependency
+
+        problem = missing_dependency(error, name)
+        print(f"[FATAL] [{name}]: {problem}", file=sys.stderr)
+        return 1
+    return int(main())
+
+
+bag_recorder = partial(run, "bag_recorder")
+example_collector = partial(run, "example_collector")
+fake_robot = partial(run, "fake_robot")
+ik_node = partial(run, "ik_node")
+target_publisher = partial(run, "target_publisher")
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv.pop(1)))
