@@ -8,7 +8,7 @@ from importlib import import_module
 
 import click
 
-from annik_core.errors import AnnikError, MissingDependency
+from annik_core.errors import AnnikError, MissingDependency, missing_dependency
 from annik_core.installation import VERSION
 
 #: Commands in the order of the work, and what ``annik --help`` says of each without loading it.
@@ -72,9 +72,9 @@ def main() -> None:
 def _run() -> None:
     try:
         cli(standalone_mode=True)
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         library = (error.name or "").partition(".")[0]
         if library not in _EXTRAS:
-            raise
+            raise missing_dependency(error, "this command") from error
         remedy = f"install it with pip install '.[{_EXTRAS[library]}]'"
         raise MissingDependency(library, "this command", remedy) from error

@@ -365,12 +365,22 @@ def test_evaluate_prints_the_errors_of_a_model() -> None:
 
 
 @pytest.mark.process
-def test_a_missing_library_is_named_with_what_installs_it() -> None:
+@pytest.mark.parametrize(
+    ("library", "command", "remedy"),
+    [
+        ("torch", ["train", "--steps", "3", "--out", "m.onnx"], "pip install '.[training]'"),
+        ("rosbags", ["report", "."], "pip install rosbags"),
+        ("onnxruntime", ["info", "gantry"], "pip install onnxruntime"),
+    ],
+)
+def test_a_missing_library_is_named_with_what_installs_it(
+    library: str, command: list[str], remedy: str
+) -> None:
     script = (
         "import sys\n"
         # None in sys.modules is how Python is told that a module can't be imported.
-        "sys.modules['torch'] = None\n"
-        "sys.argv = ['annik', 'train', '--steps', '3', '--out', 'm.onnx']\n"
+        f"sys.modules[{library!r}] = None\n"
+        f"sys.argv = ['annik', *{command!r}]\n"
         "from annik_training.cli import main\n"
         "main()\n"
     )
@@ -378,8 +388,8 @@ def test_a_missing_library_is_named_with_what_installs_it() -> None:
     assert result.returncode == 1
     (line,) = result.stderr.splitlines()
     assert line.startswith("annik: ")
-    assert "torch" in line
-    assert "pip install '.[training]'" in line
+    assert library in line
+    assert remedy in line
 
 
 def test_only_known_libraries_are_explained(monkeypatch: pytest.MonkeyPatch) -> None:
