@@ -14,13 +14,7 @@ DEFAULT_EVALUATION_POSES = 5000
 
 @dataclass(frozen=True)
 class Defaults:
-    """How a kind of robot is trained, unless options say otherwise.
-
-    Attributes:
-        design: name of the design of experiments.
-        size: its size.
-        fit: options of the fit.
-    """
+    """How a kind of robot is trained, unless options say otherwise."""
 
     design: str
     size: int

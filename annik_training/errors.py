@@ -6,16 +6,10 @@ from annik_core.errors import AnnikError
 
 
 class UnsupportedRobot(AnnikError):
-    """A robot lacks what a design of experiments or a calibration needs.
-
-    Attributes:
-        purpose: what needs it.
-        robot: name of the robot.
-        reason: what the robot lacks.
-    """
+    """A robot lacks what a design of experiments or a calibration needs."""
 
     def __init__(self, purpose: str, robot: str, reason: str) -> None:
-        self.purpose = purpose
+        self.purpose = purpose  #: what needs it
         self.robot = robot
         self.reason = reason
         super().__init__(f"{purpose} can't be used with {robot}: {reason}")

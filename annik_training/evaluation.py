@@ -46,26 +46,17 @@ class ErrorSummary:
 
 @dataclass(frozen=True)
 class RefinedEvaluation:
-    """Errors after refinement of the network's joint positions.
+    """Errors after refinement of the network's joint positions."""
 
-    Attributes:
-        success: fraction that converged; all of these are inside the joint box.
-        same_solution: fraction that ended at the joint positions that the pose was made from. The
-            other successes found a second solution inside the box.
-        mean_steps: mean steps of those that converged.
-        p99_steps: 99th percentile.
-        max_steps: maximum.
-        position_residual: greatest distance of a success from its target [m].
-        orientation_residual: greatest angle [rad].
-    """
-
-    success: float
+    success: float  #: fraction that converged; all of these are inside the joint box
+    #: Fraction that ended at the joint positions that the pose was made from. The other successes
+    #: found a second solution inside the box.
     same_solution: float
     mean_steps: float
     p99_steps: float
     max_steps: int
-    position_residual: float
-    orientation_residual: float
+    position_residual: float  #: greatest distance of a success from its target [m]
+    orientation_residual: float  #: greatest angle [rad]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for a model's metadata; the units are in the names."""
@@ -77,22 +68,15 @@ class RefinedEvaluation:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a model at poses that it was not trained on.
-
-    Attributes:
-        examples: number of poses.
-        seed: seed of the poses.
-        position_error: of the network alone [m].
-        orientation_error: of the network alone [rad].
-        outside_joint_limits: fraction of the network's joint positions outside the joint limits.
-        refined: errors after refinement; None for a robot whose solutions are not refined.
-    """
+    """Errors of a model at poses that it was not trained on."""
 
     examples: int
     seed: int
-    position_error: ErrorSummary
-    orientation_error: ErrorSummary
+    position_error: ErrorSummary  #: of the network alone [m]
+    orientation_error: ErrorSummary  #: of the network alone [rad]
+    #: Fraction of the network's joint positions outside the joint limits.
     outside_joint_limits: float
+    #: Errors after refinement; None for a robot whose solutions are not refined.
     refined: RefinedEvaluation | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -109,20 +93,13 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class NetworkErrors:
-    """Errors of a network at the poses of a dataset, one row per pose.
+    """Errors of a network at the poses of a dataset, one row per pose."""
 
-    Attributes:
-        dataset: the poses, with joint positions that reach them.
-        joint_positions: ``(n, dof)`` of the network [rad or m].
-        distances: ``(n,)`` of the poses there from the poses of the dataset [m].
-        angles: ``(n,)`` [rad].
-        refined: the joint positions refined; None for a robot whose solutions are not refined.
-    """
-
-    dataset: Dataset
-    joint_positions: FloatArray
-    distances: FloatArray
-    angles: FloatArray
+    dataset: Dataset  #: the poses, with joint positions that reach them
+    joint_positions: FloatArray  #: ``(n, dof)`` of the network [rad or m]
+    distances: FloatArray  #: ``(n,)`` of the poses there from the poses of the dataset [m]
+    angles: FloatArray  #: ``(n,)`` [rad]
+    #: The joint positions refined; None for a robot whose solutions are not refined.
     refined: list[RefinementResult] | None
 
     def summary(self) -> Evaluation:
@@ -142,13 +119,7 @@ class NetworkErrors:
 
 
 def evaluate(model: Model, *, poses: int = DEFAULT_EVALUATION_POSES, seed: int = 0) -> Evaluation:
-    """Errors of a model at random poses of its robot's joint box.
-
-    Args:
-        model: the model.
-        poses: number of poses.
-        seed: seed of the poses.
-    """
+    """Errors of a model at random poses of its robot's joint box, drawn by the seed."""
     dataset = evaluation_dataset(model.robot, poses, seed)
     return network_errors(model.joint_positions, dataset).summary()
 
@@ -162,11 +133,9 @@ def evaluation_dataset(robot: Robot, poses: int, seed: int) -> Dataset:
 def network_errors(
     joint_positions: Callable[[FloatArray], FloatArray], dataset: Dataset
 ) -> NetworkErrors:
-    """Errors of a network, as trained or as exported.
+    """Errors of a network, as trained or as exported: poses ``(n, 7)`` to ``(n, dof)``.
 
-    Args:
-        joint_positions: poses ``(n, 7)`` to joint positions ``(n, dof)``.
-        dataset: poses; each is resolved as by the solver without a previous command.
+    Each pose of the dataset is resolved as by the solver without a previous command.
     """
     robot = dataset.robot
     poses = np.array([robot.workspace.resolve(pose, None).pose for pose in dataset.poses])

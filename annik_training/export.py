@@ -21,14 +21,10 @@ from annik_training.fitting.fit import FittedNetwork
 
 
 class ExportMismatch(ModelError):
-    """A graph does not compute what it was made from.
-
-    Attributes:
-        difference: largest difference between their joint positions [rad or m].
-        tolerance: largest allowed.
-    """
+    """A graph does not compute what it was made from."""
 
     def __init__(self, path: Path, difference: float, tolerance: float) -> None:
+        #: Largest difference between their joint positions [rad or m].
         self.difference = difference
         self.tolerance = tolerance
         super().__init__(
@@ -49,13 +45,7 @@ _REFERENCE_POSES = 8
 def export_model(fitted: FittedNetwork, evaluation: Evaluation, path: Path) -> ModelMetadata:
     """Write a model file; an existing one is replaced only by a proven new one.
 
-    Args:
-        fitted: the network and how it was made.
-        evaluation: its errors on unseen poses, for the metadata.
-        path: the ``.onnx`` file.
-
-    Returns:
-        The metadata that was written.
+    The evaluation is the network's, for the metadata, which are returned.
 
     Raises:
         ExportMismatch: if onnxruntime's joint positions differ from the network's by more than
@@ -90,10 +80,7 @@ def write_model(
         expected: ``(n, dof)`` joint positions for them [rad or m].
         tolerance: largest difference from these.
 
-    Raises:
-        ExportMismatch: if the graph computes something else.
-        ModelError: if a node would refuse the file.
-        NotWritable: if the file can't be written.
+    Raises: as :func:`export_model`.
     """
     onnx.helper.set_model_props(graph, metadata.to_properties())
     graph.producer_name = "annik"
@@ -111,15 +98,9 @@ def prove_export(
 ) -> None:
     """Run a graph by onnxruntime: all poses at once, and the first of them one at a time.
 
-    Args:
-        content: the serialised graph.
-        poses: ``(n, 7)``.
-        expected: ``(n, dof)`` joint positions for them [rad or m].
-        tolerance: largest difference from these.
-        path: of the file, for errors.
-
     Raises:
-        ExportMismatch: if a joint position differs by more, or is NaN.
+        ExportMismatch: if a joint position differs from the expected one by more than the
+            tolerance, or is NaN.
     """
     session = make_session(content, path)
     in_batch = session.run([OUTPUT_NAME], {INPUT_NAME: poses})[0]

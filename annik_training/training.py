@@ -17,17 +17,11 @@ from annik_training.fitting.options import FitOptions
 
 @dataclass(frozen=True, eq=False)
 class TrainedModel:
-    """A model file, with its network and its errors.
-
-    Attributes:
-        path: the file.
-        fitted: the network, all restarts and the dataset.
-        evaluation: errors at random poses; the file carries it too.
-    """
+    """A model file, with its network and its errors."""
 
     path: Path
-    fitted: FittedNetwork
-    evaluation: Evaluation
+    fitted: FittedNetwork  #: the network, all restarts and the dataset
+    evaluation: Evaluation  #: errors at random poses; the file carries it too
 
 
 def train(

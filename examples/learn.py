@@ -10,11 +10,15 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from annik_core.files import write_files_atomically
@@ -30,7 +34,6 @@ from examples.demonstration import (
     processes,
     run_demonstration,
 )
-from msg_tools.report.plots import comparison_plot
 from msg_tools.report.tracking import TrackingReport
 from msg_tools.report.write import write_report
 
@@ -48,6 +51,8 @@ _VELOCITY, _ACCELERATION = 20.0, 500.0
 _MEASUREMENT_RATE = 200.0
 _COLLECT_TIMEOUT = 900.0
 _FIT_TIMEOUT = 900.0
+#: Colours and line styles of the plot, by Okabe and Ito.
+_STYLES = (("#E69F00", "-"), ("#0072B2", "--"))
 
 
 def run_learn(folder: Path, examples: int, console: Console) -> str:
@@ -156,6 +161,34 @@ def _drive(
         f"average, {np.max(errors):.4f} mm at most"
     )
     return report
+
+
+def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
+    """Errors of every target of two recordings, by name, as PNG with logarithmic axes.
+
+    A recording without targets has no line.
+    """
+    figure = Figure(figsize=(9.0, 5.4), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for (name, report), (colour, line) in zip(reports.items(), _STYLES, strict=True):
+        numbers = [target.number for target in report.targets]
+        for axes, unit, errors in (
+            (upper, "mm", [target.position_error_mm for target in report.targets]),
+            (lower, "deg", [target.orientation_error_deg for target in report.targets]),
+        ):
+            if errors:
+                label = f"{name}: mean {np.mean(errors):.3g} {unit}"
+                axes.plot(numbers, errors, line, color=colour, label=label)
+    for axes, label in ((upper, "position error [mm]"), (lower, "orientation error [deg]")):
+        axes.set_yscale("log")
+        axes.set_ylabel(label)
+        axes.grid(visible=True, which="both", alpha=0.3)
+        axes.legend()
+    lower.set_xlabel("target")
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
 
 
 @click.command()

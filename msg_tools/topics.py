@@ -6,14 +6,9 @@ from typing import NamedTuple
 
 
 class Topic(NamedTuple):
-    """A topic of annik.
+    """A topic of annik: relative name, ROS message type, meaning with frame and units.
 
-    Attributes:
-        name: relative, for namespaces and remapping.
-        type: ROS message type, such as ``geometry_msgs/msg/Pose``.
-        publisher: the nodes that publish it; ``you`` for the targets.
-        subscriber: the nodes that receive it, besides bag_recorder.
-        meaning: content of the message, with frame and units.
+    Publisher and subscriber are nodes, bag_recorder apart; ``you`` is who sends the targets.
     """
 
     name: str

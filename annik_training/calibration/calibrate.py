@@ -49,15 +49,13 @@ _FOLDS = 5
 class CalibrationOptions:
     """Options of a calibration.
 
-    Attributes:
-        candidates: sets of parts of the model to choose from, the simplest first.
-
     Raises:
         InvalidValue: naming the option and what is allowed.
     """
 
     position_only: bool = setting(False, "Ignore the orientations: they were not measured.")
     seed: int = setting(0, "Seed of the initial networks and of the error bound.", minimum=0)
+    #: Sets of parts of the model to choose from, the simplest first.
     candidates: tuple[frozenset[Part], ...] = CANDIDATES
     restarts: int = setting(
         2, "Number of fits from random initial networks; the best is used.", minimum=1, maximum=100
@@ -76,42 +74,27 @@ class CalibrationOptions:
 
 @dataclass(frozen=True)
 class Candidate:
-    """How well a model with some of the parts predicts poses that it was not fitted to.
-
-    Attributes:
-        parts: parts of the model.
-        parameters: number of its parameters.
-        score: mean square of the leave-one-out residuals, in squared standard deviations of the
-            noise: 1 is noise alone.
-        standard_error: of the score.
-    """
+    """How well a model with some of the parts predicts poses that it was not fitted to."""
 
     parts: frozenset[Part]
     parameters: int
+    #: Mean square of the leave-one-out residuals, in squared standard deviations of the noise: 1
+    #: is noise alone.
     score: float
-    standard_error: float
+    standard_error: float  #: of the score
 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedRobot:
-    """A robot calibrated with measured poses.
+    """A robot calibrated with measured poses."""
 
-    Attributes:
-        robot: the nominal robot with corrections; its definition carries them.
-        dataset: the measured poses, with the nominal robot.
-        estimate: the parameters of the model, and how well they are known.
-        candidates: the models that were compared; ``estimate.model.parts`` was chosen.
-        outliers: ``(n,)`` the examples that were left out.
-        unidentified: geometric errors that the poses don't identify; they stay near nominal.
-        options: options of the calibration.
-        seconds: wall time.
-    """
-
-    robot: Robot
-    dataset: Dataset
-    estimate: Estimate
+    robot: Robot  #: the nominal robot with corrections; its definition carries them
+    dataset: Dataset  #: the measured poses, with the nominal robot
+    estimate: Estimate  #: the parameters of the model, and how well they are known
+    #: The models that were compared; ``estimate.model.parts`` was chosen.
     candidates: tuple[Candidate, ...]
-    outliers: NDArray[np.bool_]
+    outliers: NDArray[np.bool_]  #: ``(n,)`` the examples that were left out
+    #: Geometric errors that the poses don't identify; they stay near nominal.
     unidentified: tuple[str, ...]
     options: CalibrationOptions
     seconds: float
@@ -321,7 +304,7 @@ def _confirmed(
 
 
 def estimated_noise(found: Estimate, known: tuple[float, float] | None) -> Noise:
-    """Noise by the residuals of an estimate and its degrees of freedom.
+    """Noise by the residuals of a fit and its degrees of freedom.
 
     The known spread of the measurements [m], [rad] is a lower bound.
     """

@@ -63,20 +63,14 @@ class ImplausibleErrors(CalibrationError):
 
 
 class DegenerateExamples(CalibrationError):
-    """The measured poses don't determine the robot in a part of its joint box.
-
-    Attributes:
-        expected: error to expect there, as a position [m] and an angle [rad].
-        fraction: the same relative to a robot that was not measured at all.
-        joints: joints to move further.
-    """
+    """The measured poses don't determine the robot in a part of its joint box."""
 
     def __init__(
         self, expected: tuple[float, float], fraction: float, joints: tuple[str, ...]
     ) -> None:
-        self.expected = expected
-        self.fraction = fraction
-        self.joints = joints
+        self.expected = expected  #: error to expect there, as a position [m] and an angle [rad]
+        self.fraction = fraction  #: the same relative to a robot that was not measured at all
+        self.joints = joints  #: joints to move further
         super().__init__(
             f"with these poses, errors of {1e3 * expected[0]:.2g} mm and "
             f"{math.degrees(expected[1]):.2g} degrees remain in the joint box, {fraction:.0%} of "

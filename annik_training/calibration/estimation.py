@@ -20,18 +20,12 @@ class Estimate:
 
     Gaussian noise, and a Gaussian prior of unit variance on every parameter in natural units. The
     posterior is taken as Gaussian around its maximum (Laplace's approximation).
-
-    Attributes:
-        model: the model.
-        parameters: ``(p,)`` in natural units.
-        observations: the measured poses.
-        noise: standard deviations that the residuals were weighted by.
     """
 
     model: ParametricModel
-    parameters: FloatArray
+    parameters: FloatArray  #: ``(p,)`` in natural units
     observations: Observations
-    noise: Noise
+    noise: Noise  #: standard deviations that the residuals were weighted by
 
     @property
     def cost(self) -> float:

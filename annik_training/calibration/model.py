@@ -59,17 +59,12 @@ _MOTION = np.array([2e-4, 2e-4, 2e-4, 0.02 * _DEGREE, 0.02 * _DEGREE, 0.02 * _DE
 
 
 class Evaluated(NamedTuple):
-    """Poses of a model and their derivatives.
+    """Poses of a model and their derivatives."""
 
-    Attributes:
-        positions: ``(n, 3)`` of the end effector in the base frame [m].
-        rotations: ``(n, 3, 3)``.
-        columns: ``(n, 6, p)`` derivatives by the parameters: linear [m] and angular [rad] motion
-            of the end effector in the base frame.
-    """
-
-    positions: FloatArray
-    rotations: FloatArray
+    positions: FloatArray  #: ``(n, 3)`` of the end effector in the base frame [m]
+    rotations: FloatArray  #: ``(n, 3, 3)``
+    #: ``(n, 6, p)`` derivatives by the parameters: linear [m] and angular [rad] motion of the end
+    #: effector in the base frame.
     columns: FloatArray
 
 
@@ -83,15 +78,10 @@ class _Screw(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ParametricModel:
-    """Parametric forward kinematics of one arm.
+    """Parametric forward kinematics of one arm."""
 
-    Attributes:
-        robot: the nominal arm.
-        parts: parts of the model that have parameters.
-    """
-
-    robot: Robot
-    parts: frozenset[Part]
+    robot: Robot  #: the nominal arm
+    parts: frozenset[Part]  #: parts of the model that have parameters
 
     @cached_property
     def errors(self) -> tuple[GeometricError, ...]:

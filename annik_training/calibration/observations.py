@@ -25,15 +25,10 @@ def is_measured_alike(one: Robot, other: Robot) -> bool:
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of a measured pose.
+    """Standard deviations of a measured pose."""
 
-    Attributes:
-        position: of each coordinate [m].
-        orientation: of each component of the rotation vector [rad].
-    """
-
-    position: float
-    orientation: float
+    position: float  #: of each coordinate [m]
+    orientation: float  #: of each component of the rotation vector [rad]
 
     def scaled(self, factor: float) -> Noise:
         """Both, times a factor."""
@@ -42,21 +37,14 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Joint positions as commanded and poses as measured.
+    """Joint positions as commanded and poses as measured."""
 
-    Attributes:
-        joint_positions: ``(n, dof)`` [rad or m], continuous joints in the turn around their box.
-        positions: ``(n, 3)`` [m].
-        rotations: ``(n, 3, 3)``.
-        has_orientation: whether the rotations were measured; if not, they are arbitrary.
-        weights: ``(n,)`` weight of each example, 0 to 1.
-    """
-
+    #: ``(n, dof)`` [rad or m], continuous joints in the turn around their box.
     joint_positions: FloatArray
-    positions: FloatArray
-    rotations: FloatArray
-    has_orientation: bool
-    weights: FloatArray
+    positions: FloatArray  #: ``(n, 3)`` [m]
+    rotations: FloatArray  #: ``(n, 3, 3)``
+    has_orientation: bool  #: whether the rotations were measured; if not, they are arbitrary
+    weights: FloatArray  #: ``(n,)`` weight of each example, 0 to 1
 
     @classmethod
     def of(cls, dataset: Dataset, *, position_only: bool = False) -> Observations:
@@ -84,7 +72,6 @@ class Observations:
         )
 
     def __len__(self) -> int:
-        """Number of examples."""
         return len(self.positions)
 
     @property

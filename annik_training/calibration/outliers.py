@@ -31,11 +31,10 @@ def find_outliers(
 ) -> NDArray[np.bool_]:
     """Examples ``(n,)`` that don't agree with the others.
 
-    Residuals are compared with their own median, so that the noise need not be known. A robust fit
-    of the geometry alone finds the gross outliers. Fits with joint networks to the remaining
-    examples find the others, and accept those that only the simple model could not explain.
-
-    Of the noise only the ratio of position to orientation matters.
+    Residuals are compared with their own median, so that only the ratio of position to orientation
+    of the assumed noise matters. A robust fit of the stiff model, the geometry alone, finds the
+    gross outliers. Fits of the flexible one to the remaining examples find the others, and accept
+    those that only the stiff model could not explain.
 
     Raises:
         UnexplainedMeasurements: if they are more than :data:`_MOST` of all.

@@ -105,10 +105,6 @@ def _check_explained(fitted: Estimate, unlearned: FloatArray) -> None:
     """Refuse an estimate that is too far from the measurements or from the nominal robot.
 
     ``unlearned`` is the error of a robot that was not measured, distance [m] and angle [rad].
-
-    Raises:
-        UnexplainedMeasurements: likewise.
-        ImplausibleErrors: likewise.
     """
     noise, measured = fitted.noise, fitted.observations.rows // 3
     unexplained = math.sqrt(3.0) * np.array([noise.position, noise.orientation])

@@ -24,15 +24,10 @@ _NOISE_BOUND = 2.795
 
 @dataclass(frozen=True, eq=False)
 class MeasuredErrors:
-    """Errors of a robot's forward kinematics at measured poses, one per pose.
+    """Errors of a robot's forward kinematics at measured poses, one per pose."""
 
-    Attributes:
-        distances: ``(n,)`` [m].
-        angles: ``(n,)`` [rad].
-    """
-
-    distances: FloatArray
-    angles: FloatArray
+    distances: FloatArray  #: ``(n,)`` [m]
+    angles: FloatArray  #: ``(n,)`` [rad]
 
     def rows(self, keep: Any) -> MeasuredErrors:
         """The rows where ``keep`` ``(n,)`` is true."""
@@ -40,43 +35,26 @@ class MeasuredErrors:
 
 
 class Region(NamedTuple):
-    """A part of the joint box, by the position of one joint.
-
-    Attributes:
-        joint: name of the joint.
-        lower: lower bound [rad or m].
-        upper: upper bound.
-        examples: number of poses.
-        before: mean distance of the nominal robot [m]; NaN without poses.
-        after: mean distance of the calibrated robot.
-    """
+    """A part of the joint box, by the position of one joint."""
 
     joint: str
-    lower: float
+    lower: float  #: lower bound [rad or m]
     upper: float
     examples: int
-    before: float
-    after: float
+    before: float  #: mean distance of the nominal robot [m]; NaN without poses
+    after: float  #: mean distance of the calibrated robot
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredEvaluation:
-    """Errors before and after a calibration, at held-out poses.
+    """Errors before and after a calibration, at held-out poses."""
 
-    Attributes:
-        dataset: the held-out poses.
-        before: errors of the nominal robot.
-        after: errors of the calibrated robot.
-        bounds: ``(n, 2)`` stated 95 % bounds, distance [m] and angle [rad].
-        regions: mean errors by joint and part of its interval.
-        has_orientation: whether orientations were calibrated; if not, the angles are arbitrary.
-    """
-
-    dataset: Dataset
-    before: MeasuredErrors
-    after: MeasuredErrors
-    bounds: FloatArray
-    regions: tuple[Region, ...]
+    dataset: Dataset  #: the held-out poses
+    before: MeasuredErrors  #: errors of the nominal robot
+    after: MeasuredErrors  #: errors of the calibrated robot
+    bounds: FloatArray  #: ``(n, 2)`` stated 95 % bounds, distance [m] and angle [rad]
+    regions: tuple[Region, ...]  #: mean errors by joint and part of its interval
+    #: Whether orientations were calibrated; if not, the angles are arbitrary.
     has_orientation: bool
 
     @property
@@ -95,10 +73,6 @@ class MeasuredEvaluation:
 
 def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     """Errors of a calibrated robot, and of the nominal one, at measured poses.
-
-    Args:
-        robot: the calibrated robot.
-        dataset: measured poses that it was not calibrated with.
 
     Raises:
         NotCalibrated: if it was not calibrated.

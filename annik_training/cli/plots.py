@@ -28,10 +28,6 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
     One panel per joint: position error against the joint's position, as median and 99th
     percentile, with a mark at every pose that refinement did not solve. One more panel: median
     error by distance from the base axis and height.
-
-    Args:
-        errors: of one pose or more.
-        dots_per_inch: resolution.
     """
     robot = errors.dataset.robot
     free = robot.joint_box.free

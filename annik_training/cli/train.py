@@ -38,12 +38,7 @@ if TYPE_CHECKING:
 
 
 class ConflictingOptions(AnnikError):
-    """An option makes others meaningless that were given with it.
-
-    Attributes:
-        option: the option.
-        others: the others.
-    """
+    """An option makes others meaningless that were given with it."""
 
     def __init__(self, option: str, others: Sequence[str]) -> None:
         self.option = option

@@ -38,11 +38,6 @@ def active_design(subject: System | Robot, examples: int, rng: np.random.Generat
 
     The first are a Sobol sequence, two for each joint; then each round adds a quarter.
 
-    Args:
-        subject: a robot, or another system to learn.
-        examples: number of examples.
-        rng: draws the sequence, the candidates and the networks.
-
     Raises:
         UnsupportedRobot: if the subject has no forward kinematics.
     """

@@ -20,47 +20,30 @@ _PROBES = 2**13
 
 @dataclass(frozen=True)
 class ModelRank:
-    """How well the examples identify a polynomial model in the joint positions.
+    """How well the examples identify a polynomial model in the joint positions."""
 
-    Attributes:
-        rank: number of independent terms.
-        terms: number of terms of the model.
-        condition: largest singular value over the smallest nonzero one, joints on [-1, 1].
-    """
-
-    rank: int
+    rank: int  #: number of independent terms of the model
     terms: int
-    condition: float
+    condition: float  #: largest singular value over the smallest nonzero one, joints on [-1, 1]
 
 
 @dataclass(frozen=True)
 class DesignDiagnostics:
-    """Diagnostics of a design, in joint positions scaled to [-1, 1] over the joint box.
+    """Diagnostics of a design, in joint positions scaled to [-1, 1] over the joint box."""
 
-    Attributes:
-        examples: number of distinct examples.
-        linear: model of the constant and the joint positions.
-        quadratic: the same with squares and products.
-        blind_interactions: pairs of joint names whose product these examples can't tell from
-            other products of two joints, for any robot.
-        largest_empty_ball: radius of the largest ball inside the box without an example, relative
-            to half the diagonal of the box; a lower bound, found among many probes.
-    """
-
-    examples: int
-    linear: ModelRank
-    quadratic: ModelRank
+    examples: int  #: number of distinct examples
+    linear: ModelRank  #: model of the constant and the joint positions
+    quadratic: ModelRank  #: the same with squares and products
+    #: Pairs of joint names whose product these examples can't tell from other products of two
+    #: joints, for any robot.
     blind_interactions: tuple[tuple[str, str], ...]
+    #: Radius of the largest ball inside the box without an example, relative to half the diagonal
+    #: of the box; a lower bound, found among many probes.
     largest_empty_ball: float
 
 
 def diagnose(joint_positions: FloatArray, box: JointLimits) -> DesignDiagnostics:
-    """Diagnose a design.
-
-    Args:
-        joint_positions: ``(n, dof)`` inside the box.
-        box: the joint box; locked joints are excluded.
-    """
+    """Diagnose joint positions ``(n, dof)`` inside a joint box; locked joints are excluded."""
     free = box.free
     lower, upper = box.lower[free], box.upper[free]
     scaled = 2.0 * (joint_positions[:, free] - lower) / (upper - lower) - 1.0

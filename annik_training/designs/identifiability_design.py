@@ -25,12 +25,9 @@ _NOISE = Noise(5e-5, 5e-5)
 
 
 def identifiability_design(robot: Robot, examples: int, rng: np.random.Generator) -> FloatArray:
-    """Joint positions ``(examples, dof)`` [rad or m] inside the joint box.
+    """Joint positions ``(examples, dof)`` [rad or m] inside the joint box of a nominal arm.
 
-    Args:
-        robot: a nominal arm.
-        examples: number of examples, at most :data:`_CANDIDATES`.
-        rng: draws the candidates, and the joint networks whose errors are to show.
+    At most :data:`_CANDIDATES` examples, chosen from so many drawn ones.
 
     Raises:
         UnsupportedRobot: if the arm is calibrated already.

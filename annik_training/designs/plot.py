@@ -72,14 +72,8 @@ def pair_figure(
     """A scatter plot for each pair of joints, and a histogram for each joint.
 
     Blind pairs (:attr:`DesignDiagnostics.blind_interactions`) are framed and have another marker.
-    Locked joints are left out.
-
-    Args:
-        joint_positions: ``(n, dof)`` [rad or m] inside the box.
-        box: the joint box, with at least one joint that is not locked.
-        joint_types: ``prismatic`` (drawn in mm or m) or another (in degrees) for each joint.
-        diagnostics: of these examples.
-        title: one line.
+    Locked joints are left out; at least one is not locked. A ``prismatic`` joint is drawn in mm or
+    m, another in degrees.
     """
     joints = _joint_axes(joint_positions, box, joint_types)
     blind = {frozenset(pair) for pair in diagnostics.blind_interactions}

@@ -42,20 +42,11 @@ class Needs(Enum):
 
 @dataclass(frozen=True)
 class DesignOption:
-    """An integer or a switch that a design takes.
+    """An integer or a switch that a design takes."""
 
-    Attributes:
-        name: keyword argument of the design's function.
-        flag: name on the command line.
-        meaning: what it counts or does.
-        default: value if none is given; False for a switch.
-        minimum: least value.
-        maximum: greatest value.
-    """
-
-    name: str
-    flag: str
-    meaning: str
+    name: str  #: keyword argument of the design's function
+    flag: str  #: name on the command line
+    meaning: str  #: what it counts or does
     default: int
     minimum: int
     maximum: int
@@ -63,27 +54,18 @@ class DesignOption:
 
 @dataclass(frozen=True)
 class Design:
-    """A way to choose the joint positions of the examples.
-
-    Attributes:
-        name: name on the command line.
-        description: one line.
-        size: the option that decides the number of examples.
-        function: ``module.function`` in this package: ``(first argument, size, [rng], **options)
-            -> (n, dof)`` joint positions. Loaded on first use, because most of them need libraries
-            that are slow to load.
-        needs: the function's first argument.
-        is_drawn: whether the function takes a random generator.
-        options: options besides the size.
-    """
+    """A way to choose the joint positions of the examples."""
 
     name: str
     description: str
-    size: DesignOption
+    size: DesignOption  #: the option that decides the number of examples
+    #: ``module.function`` in this package: ``(first argument, size, [rng], **options) -> (n,
+    #: dof)`` joint positions. Loaded on first use, because most of them need libraries that are
+    #: slow to load.
     function: str
-    needs: Needs = Needs.BOX
-    is_drawn: bool = False
-    options: tuple[DesignOption, ...] = ()
+    needs: Needs = Needs.BOX  #: the function's first argument
+    is_drawn: bool = False  #: whether the function takes a random generator
+    options: tuple[DesignOption, ...] = ()  #: options besides the size
 
     def joint_positions(
         self, subject: DesignSubject, size: int, rng: np.random.Generator, **options: Any

@@ -18,16 +18,7 @@ def generate_dataset(
 ) -> Dataset:
     """Examples of a design of experiments, with the poses of the robot's forward kinematics.
 
-    Args:
-        robot: the robot.
-        design: one of :func:`annik_training.design_names`.
-        size: the value of the design's size option, such as the number of examples.
-        seed: seed of a random design.
-        options: the design's own options.
-
-    Raises:
-        InvalidValue: if the name, the size or an option is not allowed.
-        UnsupportedRobot: if the design can't be made for this robot.
+    Arguments and errors are those of :func:`annik_training.make_design`.
     """
     joint_positions = make_design(robot, design, size, seed, options)
     poses = robot.forward_kinematics.poses(joint_positions)

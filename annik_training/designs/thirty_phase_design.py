@@ -18,15 +18,10 @@ _BLOCK_SIZES = (2, 3, 4)
 
 
 class Phase(NamedTuple):
-    """Joints swept together over z = 0..j, eq. (5), while the others are held.
+    """Joints swept together over z = 0..j, eq. (5), while the others are held."""
 
-    Attributes:
-        swept: indices of the joints that move.
-        held_at: where the others are, in halves of their range: 0 min, 1 median, 2 max.
-    """
-
-    swept: tuple[int, ...]
-    held_at: int
+    swept: tuple[int, ...]  #: indices of the joints that move
+    held_at: int  #: where the others are, in halves of their range: 0 min, 1 median, 2 max
 
 
 def phases(dof: int) -> list[Phase]:

@@ -48,9 +48,7 @@ def interaction_phases(dof: int) -> tuple[Phase, ...]:
 def thirty_phase_plus_design(box: JointLimits, steps: int) -> FloatArray:
     """Joint positions ``(n, dof)`` [rad or m] of the repaired design, without repeated rows.
 
-    Args:
-        box: the joint box.
-        steps: j of eq. (6), the steps of each sweep.
+    ``steps`` is j of eq. (6), the steps of each sweep.
     """
     dof = len(box.joint_names)
     return distinct_positions([*phases(dof), *interaction_phases(dof)], box, steps)

@@ -22,16 +22,11 @@ def workspace_grid_design(
     equal fractions of its range. The paper's Set 1 is 3 positions per axis and 1 level (108), Set
     2 is 4 and 1 (256), Set 3 is 4 and 2 (448).
 
-    Args:
-        robot: a gantry, whose inverse is known, eq. (3)-(4).
-        positions_per_axis: grid positions on each of x, y, z.
-        orientation_levels: fractions of the range of each angle.
-
     Returns:
         ``(n, 6)`` drive angles [rad], x varying fastest, then y, z, orientation, as in Table 8.
 
     Raises:
-        UnsupportedRobot: if the robot is not a gantry.
+        UnsupportedRobot: if the robot is not a gantry, whose inverse is known, eq. (3)-(4).
     """
     kinematics, workspace = robot.forward_kinematics, robot.workspace
     if not isinstance(kinematics, GantryKinematics) or not isinstance(workspace, GantryWorkspace):

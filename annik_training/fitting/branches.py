@@ -27,11 +27,10 @@ def has_branches(robot: Robot) -> bool:
 
 
 def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None:
-    """Signs ``(n,)`` of the Jacobian's determinant at joint positions ``(n, dof)``.
+    """Signs ``(n,)``, +1 or -1, of the Jacobian's determinant at joint positions ``(n, dof)``.
 
-    Returns:
-        +1 or -1 per example. None for the gantry, which has one branch, and for an arm unless six
-        joints are free: its Jacobian has no determinant.
+    None for the gantry, which has one branch, and for an arm unless six joints are free: its
+    Jacobian has no determinant.
     """
     free = robot.joint_box.free
     if not has_branches(robot) or len(free) != 6:
@@ -46,10 +45,7 @@ def single_branch(
 ) -> NDArray[np.bool_]:
     """Examples to learn ``(n,)``: all but second solutions of poses that the main branch reaches.
 
-    Args:
-        robot: the robot.
-        joint_positions: ``(n, dof)`` [rad or m].
-        poses: ``(n, 7)`` of the end effector in the base frame there.
+    The poses ``(n, 7)`` are those of the forward kinematics at joint positions ``(n, dof)``.
     """
     keep = np.ones(len(joint_positions), dtype=bool)
     signs = branch_signs(robot, joint_positions)

@@ -46,17 +46,11 @@ _SMALLEST = 1e-300
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence of a weight decay, at the minimum for it.
+    """Evidence of a weight decay, at the minimum for it."""
 
-    Attributes:
-        log_evidence: up to a constant.
-        determined_weights: gamma.
-        re_estimate: the best weight decay for these gamma, E_D and E_W.
-    """
-
-    log_evidence: float
-    determined_weights: float
-    re_estimate: float
+    log_evidence: float  #: up to a constant
+    determined_weights: float  #: gamma
+    re_estimate: float  #: the best weight decay for these gamma, E_D and E_W
 
 
 def minimise_with_chosen_decay(
@@ -93,11 +87,9 @@ def minimise_with_chosen_decay(
 
 
 def evidence(problem: SeparableProblem, weights: FloatArray) -> Evidence:
-    """The evidence of the problem's weight decay.
+    """The evidence of the problem's weight decay, its ``ridge``.
 
-    Args:
-        problem: the problem; its ``ridge`` is the weight decay.
-        weights: ``(p,)`` hidden weights, at or near the minimum for it.
+    The hidden weights ``(p,)`` are at or near the minimum for it.
     """
     output = problem.linear_layers(weights).output
     hidden_part = problem.activations_jacobian(weights, output.T).flatten(end_dim=1)

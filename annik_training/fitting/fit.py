@@ -41,28 +41,20 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Inputs and targets of a network, in the units of the system.
+    """Inputs and targets of a network, in the units of the system."""
 
-    Attributes:
-        inputs: ``(n, m)``.
-        targets: ``(n, k)``.
-        target_box: least and greatest targets, each ``(k,)``.
-        input_jacobians: ``(n, m, dof)`` derivatives of the inputs by the joint positions, or None
-            if the fit does not need them.
-        target_jacobians: ``(n, k, dof)`` likewise.
-        joint_half_width: ``(dof,)`` half the width of the joint box: the unit of joint motion in
-            which derivatives are compared.
-    """
-
-    inputs: FloatArray
-    targets: FloatArray
-    target_box: tuple[FloatArray, FloatArray]
+    inputs: FloatArray  #: ``(n, m)``
+    targets: FloatArray  #: ``(n, k)``
+    target_box: tuple[FloatArray, FloatArray]  #: least and greatest targets, each ``(k,)``
+    #: ``(n, m, dof)`` derivatives of the inputs by the joint positions, or None if the fit does
+    #: not need them.
     input_jacobians: FloatArray | None = None
-    target_jacobians: FloatArray | None = None
+    target_jacobians: FloatArray | None = None  #: ``(n, k, dof)`` likewise
+    #: ``(dof,)`` half the width of the joint box: the unit of joint motion in which derivatives
+    #: are compared.
     joint_half_width: FloatArray | None = None
 
     def __len__(self) -> int:
-        """Number of examples."""
         return len(self.inputs)
 
 
@@ -74,7 +66,7 @@ def examples_of(
 ) -> Examples:
     """Examples of a system at joint positions ``(n, dof)``, with derivatives if the fit uses them.
 
-    ``inputs`` ``(n, m)`` are those of the network there, if they are known already.
+    The inputs ``(n, m)`` are computed if they are not given.
     """
     sobolev = options.sobolev_weight > 0
     return Examples(
@@ -97,23 +89,14 @@ def dataset_examples(
 
 @dataclass(frozen=True, eq=False)
 class Restart:
-    """A fit from one set of random initial weights. Errors are mean squares of scaled targets.
-
-    Attributes:
-        number: number of the restart, from 0.
-        network: the fitted network.
-        training_error: on the examples that were fitted.
-        held_out_error: on those that were held out; None if there are none.
-        evaluations: evaluations of the residual.
-        weight_decay: the ridge, or what the evidence chose; 0 with L-BFGS.
-    """
+    """A fit from one set of random initial weights. Errors are mean squares of scaled targets."""
 
     number: int
     network: ScaledNetwork
-    training_error: float
-    held_out_error: float | None
-    evaluations: int
-    weight_decay: float
+    training_error: float  #: on the examples that were fitted
+    held_out_error: float | None  #: on those that were held out; None if there are none
+    evaluations: int  #: evaluations of the residual
+    weight_decay: float  #: the ridge, or what the evidence chose; 0 with L-BFGS
 
     @property
     def choosing_error(self) -> float:
@@ -235,37 +218,26 @@ def scaled_examples(network: ScaledNetwork, examples: Examples) -> ScaledExample
 
 @dataclass(frozen=True, eq=False)
 class FittedNetwork:
-    """A fitted network of inverse kinematics.
+    """A fitted network of inverse kinematics."""
 
-    Attributes:
-        network: the network of the best restart, behind the encoding of poses.
-        dataset: the examples.
-        options: options of the fit.
-        restarts: all restarts.
-        winner: number of the best one.
-        held_out: indices of the examples that only chose it.
-        second_solutions: number of examples that were left out, see
-            :mod:`annik_training.fitting.branches`.
-        seconds: wall time of the fit.
-    """
-
+    #: The network of the best restart, behind the encoding of poses.
     network: InverseKinematicsNetwork
     dataset: Dataset
     options: FitOptions
     restarts: tuple[Restart, ...]
-    winner: int
-    held_out: Indices
+    winner: int  #: number of the best one
+    held_out: Indices  #: indices of the examples that only chose it
+    #: Number of examples that were left out, see :mod:`annik_training.fitting.branches`.
     second_solutions: int
-    seconds: float
+    seconds: float  #: wall time of the fit
 
 
 def fit(
     dataset: Dataset, options: FitOptions, on_restart: Callable[[Restart], None] | None = None
 ) -> FittedNetwork:
-    """Fit a network to a dataset.
+    """Fit a network to a dataset; for ``on_restart`` see :func:`fit_restarts`.
 
     The restart with the smallest error on the held-out examples wins; nothing else chooses it.
-    ``on_restart`` is called with each restart when it ends.
 
     Raises:
         TooFewExamples: see :func:`held_out_rows`.

@@ -25,12 +25,8 @@ def minimise_all_weights(
 ) -> int:
     """Fit all weights of a network in place; returns the number of evaluations.
 
-    Args:
-        network: the network, with its initial weights.
-        examples: the examples, scaled.
-        sobolev_weight: weight of the mean square error of the derivatives, if there are any.
-        max_evaluations: most evaluations of error and gradient. If they end within a line search,
-            the best weights so far are used.
+    Each evaluates error and gradient. If they end within a line search, the best weights so far
+    are used.
     """
     optimiser = torch.optim.LBFGS(
         network.parameters(),
@@ -87,13 +83,7 @@ def _error(network: ScaledNetwork, examples: ScaledExamples, sobolev_weight: flo
 def outputs_and_derivatives(
     network: ScaledNetwork, inputs: Tensor, directions: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Scaled outputs ``(n, k)`` and their derivatives ``(n, d, k)`` along directions.
-
-    Args:
-        network: the network.
-        inputs: ``(n, m)`` scaled.
-        directions: ``(n, d, m)``.
-    """
+    """Scaled outputs ``(n, k)`` and derivatives ``(n, d, k)`` along directions ``(n, d, m)``."""
     activations, derivatives = inputs, directions
     for layer in network.hidden.layers:
         assert isinstance(layer, nn.Linear)

@@ -47,18 +47,13 @@ _RANK_TOLERANCE = 1e-10
 
 @dataclass(frozen=True)
 class ScaledExamples:
-    """Examples in the scaled units of a network; float64.
+    """Examples in the scaled units of a network; float64."""
 
-    Attributes:
-        inputs: ``(n, m)``.
-        targets: ``(n, k)``.
-        directions: ``(n, d, m)`` derivatives of the inputs along ``d`` directions, or None.
-        derivatives: ``(n, d, k)`` derivatives of the targets along the same, or None.
-    """
-
-    inputs: Tensor
-    targets: Tensor
+    inputs: Tensor  #: ``(n, m)``
+    targets: Tensor  #: ``(n, k)``
+    #: ``(n, d, m)`` derivatives of the inputs along ``d`` directions, or None.
     directions: Tensor | None = None
+    #: ``(n, d, k)`` derivatives of the targets along the same, or None.
     derivatives: Tensor | None = None
 
     def rows(self, indices: NDArray[np.int64]) -> ScaledExamples:
@@ -73,17 +68,11 @@ class ScaledExamples:
 
 @dataclass(frozen=True)
 class LinearLayers:
-    """Solution of the linear problem.
+    """Solution of the linear problem."""
 
-    Attributes:
-        output: ``(k, h)`` weights W of the activations.
-        linear_path: ``(k, m)`` weights of the inputs; zero without a linear path.
-        bias: ``(k,)``.
-    """
-
-    output: Tensor
-    linear_path: Tensor
-    bias: Tensor
+    output: Tensor  #: ``(k, h)`` weights W of the activations
+    linear_path: Tensor  #: ``(k, m)`` weights of the inputs; zero without a linear path
+    bias: Tensor  #: ``(k,)``
 
 
 class SeparableProblem:
@@ -290,11 +279,5 @@ def _linear_rows(inputs: Tensor, linear_path: bool, constant: float) -> Tensor:
 def minimise(
     problem: SeparableProblem, start: FloatArray, max_evaluations: int
 ) -> tuple[FloatArray, int]:
-    """Hidden weights ``(p,)`` that minimise the residual, and the number of evaluations.
-
-    Args:
-        problem: the problem.
-        start: ``(p,)`` initial hidden weights.
-        max_evaluations: most evaluations of the residual.
-    """
+    """Hidden weights ``(p,)`` that minimise the residual from ``start``, and the evaluations."""
     return levenberg_marquardt(problem.residual, problem.jacobian, start, max_evaluations)

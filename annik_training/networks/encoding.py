@@ -49,10 +49,6 @@ def arctangent2(sine: Tensor, cosine: Tensor) -> Tensor:
 
     One Newton step on ``r sin(angle - estimate) = sine cos(estimate) - cosine sin(estimate)``.
     Its error is cubic in that of the single-precision estimate, 1e-6: below double precision.
-
-    Args:
-        sine: any shape, float64.
-        cosine: same shape.
     """
     radius = torch.sqrt(sine * sine + cosine * cosine)
     safe_radius = torch.maximum(radius, _SMALLEST)
@@ -69,16 +65,11 @@ class PoseEncoding(nn.Module):
     """Poses ``(n, 7)`` to the features ``(n, m)`` that a network sees; both float64.
 
     Features are linear in the terms of the encoding. A quaternion and its negative have the same.
-
-    Attributes:
-        name: of the encoding in a model file.
-        features: number of features, m.
-        terms_to_features: ``(t, m)``; features are ``terms @ terms_to_features``.
     """
 
-    name: str
-    features: int
-    terms_to_features: Tensor
+    name: str  #: of the encoding in a model file
+    features: int  #: number of features, m
+    terms_to_features: Tensor  #: ``(t, m)``; features are ``terms @ terms_to_features``
 
     @abstractmethod
     def terms(self, poses: Tensor) -> Tensor:

@@ -62,11 +62,9 @@ class HiddenLayers(nn.Module):
 
 
 class Scaling(nn.Module):
-    """Maps a box to [-1, 1] and back, one axis at a time.
+    """Maps a box, lower and upper bounds ``(k,)``, to [-1, 1] and back, one axis at a time.
 
-    Args:
-        lower: ``(k,)`` the box; an axis on which it has no width is only shifted.
-        upper: ``(k,)``.
+    An axis on which the box has no width is only shifted.
     """
 
     centre: Tensor
@@ -89,15 +87,7 @@ class Scaling(nn.Module):
 
 
 class ScaledNetwork(nn.Module):
-    """Scaling, tanh hidden layers, linear output, unscaling: y = W phi(x) + A x + b.
-
-    Attributes:
-        input_scaling: the box of the inputs.
-        hidden: the hidden layers, phi.
-        output: the linear output layer, W and b, in scaled outputs.
-        linear_path: A, or None if the inputs reach the outputs through the hidden layers only.
-        output_scaling: the box of the outputs.
-    """
+    """Scaling, tanh hidden layers, linear output, unscaling: y = W phi(x) + A x + b."""
 
     def __init__(
         self,
@@ -109,13 +99,15 @@ class ScaledNetwork(nn.Module):
     ) -> None:
         super().__init__()
         inputs, outputs = len(input_scaling.centre), len(output_scaling.centre)
-        self.input_scaling = input_scaling
-        self.hidden = HiddenLayers(inputs, hidden_units)
+        self.input_scaling = input_scaling  #: the box of the inputs
+        self.hidden = HiddenLayers(inputs, hidden_units)  #: the hidden layers, phi
+        #: The linear output layer, W and b, in scaled outputs.
         self.output = nn.Linear(hidden_units[-1], outputs, dtype=torch.float64)
+        #: A, or None if the inputs reach the outputs through the hidden layers only.
         self.linear_path = (
             nn.Linear(inputs, outputs, bias=False, dtype=torch.float64) if linear_path else None
         )
-        self.output_scaling = output_scaling
+        self.output_scaling = output_scaling  #: the box of the outputs
 
     def scaled(self, scaled_inputs: Tensor) -> Tensor:
         """Scaled outputs ``(n, outputs)`` for scaled inputs ``(n, inputs)``; float64."""
@@ -134,12 +126,7 @@ class ScaledNetwork(nn.Module):
 
 
 class InverseKinematicsNetwork(nn.Module):
-    """Poses ``(n, 7)`` to joint positions ``(n, dof)``: the encoding, and the network behind it.
-
-    Attributes:
-        encoding: from poses to features.
-        network: from features to joint positions.
-    """
+    """Poses ``(n, 7)`` to joint positions ``(n, dof)``: the encoding, then the network."""
 
     def __init__(self, encoding: PoseEncoding, network: ScaledNetwork) -> None:
         super().__init__()

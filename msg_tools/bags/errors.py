@@ -8,12 +8,7 @@ from annik_core.errors import AnnikError
 
 
 class BagNotReadable(AnnikError):
-    """The bag is damaged beyond use, or not a bag.
-
-    Attributes:
-        path: the bag, or the file of it.
-        problem: what is wrong.
-    """
+    """The bag is damaged beyond use, or not a bag."""
 
     def __init__(self, path: Path, problem: str) -> None:
         self.path = path

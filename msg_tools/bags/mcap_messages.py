@@ -35,33 +35,19 @@ _DAMAGE_ERRORS: Final = (
 
 
 class RawMessage(NamedTuple):
-    """A message as stored.
-
-    Attributes:
-        topic: absolute topic name.
-        type: such as ``geometry_msgs/msg/Pose``.
-        log_time_ns: when it was received [ns since the epoch].
-        publish_time_ns: when it was sent [ns since the epoch].
-        data: CDR.
-        definition: text of the type; empty if the bag has none.
-        definition_format: ``ros2msg`` or ``ros2idl``.
-    """
+    """A message as stored."""
 
     topic: str
-    type: str
-    log_time_ns: int
-    publish_time_ns: int
-    data: bytes
-    definition: str
-    definition_format: str
+    type: str  #: such as ``geometry_msgs/msg/Pose``
+    log_time_ns: int  #: when it was received [ns since the epoch]
+    publish_time_ns: int  #: when it was sent [ns since the epoch]
+    data: bytes  #: CDR
+    definition: str  #: text of the type; empty if the bag has none
+    definition_format: str  #: ``ros2msg`` or ``ros2idl``
 
 
 def mcap_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
-    """Messages in the order of the file.
-
-    Args:
-        path: the MCAP file.
-        damage: gets one sentence per fault.
+    """Messages in the order of the file; appends one sentence per fault to ``damage``.
 
     Raises:
         BagNotReadable: if the file can't be opened or does not begin as an MCAP file does.

@@ -17,11 +17,7 @@ METADATA_FILE = "metadata.yaml"
 
 @dataclass
 class RecordedTopic:
-    """One topic in a bag's metadata: absolute name, message type, count.
-
-    Attributes:
-        offered_qos: quality of service of its publishers, as far as known.
-    """
+    """One topic in a bag's metadata: absolute name, message type, count."""
 
     name: str
     type: str
@@ -67,13 +63,7 @@ def bag_information_text(
 def bag_information(
     file_name: str, topics: Sequence[RecordedTopic], span: RecordedSpan
 ) -> Mapping[str, Any]:
-    """The contents of ``metadata.yaml`` under ``rosbag2_bagfile_information``.
-
-    Args:
-        file_name: of the MCAP file, relative to the bag.
-        topics: all topics of the bag.
-        span: of its messages.
-    """
+    """The contents of ``metadata.yaml`` under ``rosbag2_bagfile_information``."""
     message_count = sum(topic.message_count for topic in topics)
     return {
         "version": 9,

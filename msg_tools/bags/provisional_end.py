@@ -31,17 +31,13 @@ SHORTEST_END: Final = _shortest_end()
 
 
 class ClosedMcapFile:
-    """Output stream for an ``mcap.writer.Writer``; bytes reach the file at each flush."""
+    """Output stream for an ``mcap.writer.Writer``; bytes reach the file at each flush.
+
+    Errors are those of the system: OSError.
+    """
 
     def __init__(self, path: Path) -> None:
-        """Create the file.
-
-        Args:
-            path: must not exist.
-
-        Raises:
-            OSError: if it exists or can't be created.
-        """
+        """Create the file, which must not exist."""
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         self._pending: list[bytes] = []
         self._pending_size = 0
@@ -58,22 +54,15 @@ class ClosedMcapFile:
         return self._written + self._pending_size
 
     def flush(self) -> None:
-        """Write the pending bytes, followed by an end of file.
-
-        Raises:
-            OSError: if they can't be written; the file then holds all earlier flushes and its end.
-        """
+        """Write the pending bytes and an end of file; if that fails, all earlier flushes stay."""
         if self._pending:
             self._write_pending(SHORTEST_END)
 
     def close(self, *, with_own_end: bool) -> None:
         """Write the pending bytes and close the file; a second call does nothing.
 
-        Args:
-            with_own_end: whether the pending bytes include the end of the file.
-
-        Raises:
-            OSError: as :meth:`flush`; the file is closed all the same.
+        An end of file is added unless the pending bytes have their own. The file is closed even if
+        writing fails.
         """
         if self._descriptor < 0:
             return

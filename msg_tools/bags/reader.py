@@ -25,22 +25,15 @@ _STORAGE_SUFFIXES: Final = (".mcap", ".db3")
 
 
 class BagRecord(NamedTuple):
-    """A decoded message of a bag.
-
-    Attributes:
-        topic: absolute topic name.
-        type: such as ``geometry_msgs/msg/Pose``.
-        log_time_ns: receive time [ns since the epoch].
-        publish_time_ns: send time [ns since the epoch]; the receive time if the bag has none,
-            see :attr:`Bag.has_publish_times`.
-        message: has the fields of its ROS type as attributes.
-    """
+    """A decoded message of a bag."""
 
     topic: str
     type: str
-    log_time_ns: int
+    log_time_ns: int  #: receive time [ns since the epoch]
+    #: Send time [ns since the epoch]; the receive time if the bag has none, see
+    #: :attr:`Bag.has_publish_times`.
     publish_time_ns: int
-    message: Any
+    message: Any  #: has the fields of its ROS type as attributes
 
 
 class BagTopic(NamedTuple):
@@ -53,21 +46,13 @@ class BagTopic(NamedTuple):
 
 @dataclass(frozen=True)
 class Bag:
-    """Summary of a bag; :meth:`records` reads its messages.
-
-    Attributes:
-        path: as given.
-        topics: topics with at least one readable message, by name.
-        complete: whether everything that was recorded could be read.
-        damage: what was lost, one sentence per fault; empty if complete.
-        has_publish_times: whether the bag has the times at which messages were sent.
-    """
+    """Summary of a bag; :meth:`records` reads its messages."""
 
     path: Path
-    topics: dict[str, BagTopic]
-    complete: bool
-    damage: tuple[str, ...]
-    has_publish_times: bool
+    topics: dict[str, BagTopic]  #: topics with at least one readable message, by name
+    complete: bool  #: whether everything that was recorded could be read
+    damage: tuple[str, ...]  #: what was lost, one sentence per fault; empty if complete
+    has_publish_times: bool  #: whether the bag has the times at which messages were sent
 
     @property
     def message_count(self) -> int:
@@ -75,10 +60,7 @@ class Bag:
         return sum(topic.message_count for topic in self.topics.values())
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[BagRecord]:
-        """Decoded messages, in the order in which they are stored.
-
-        Args:
-            topics: absolute names of those to decode; all if None.
+        """Decoded messages in stored order, of all topics or of those with these absolute names.
 
         Raises:
             BagNotReadable: if a message of these topics can't be decoded.
@@ -101,8 +83,8 @@ class Bag:
 def read_bag(path: Path) -> Bag:
     """Read a whole bag once, count its messages and find its damage.
 
-    Args:
-        path: folder of a bag (MCAP or SQLite3, one file or several), or one ``.mcap`` or ``.db3``.
+    The path is the folder of a bag (MCAP or SQLite3, one file or several), or one ``.mcap`` or
+    ``.db3``.
 
     Raises:
         BagNotFound: if there is no such path.

@@ -35,14 +35,12 @@ METADATA_INTERVAL: Final = 2.0
 class BagWriter:
     """A rosbag2 directory with one MCAP file, being written; a context manager.
 
-    A process killed at any moment leaves a bag with everything up to the last flush.
+    A process killed at any moment leaves a bag with everything up to the last flush. Every method
+    raises NotWritable if writing fails; everything flushed before stays readable.
     """
 
     def __init__(self, directory: Path) -> None:
-        """Create the bag.
-
-        Args:
-            directory: the bag; an empty folder, or created with its parents.
+        """Create the bag in an empty folder, or in a new one.
 
         Raises:
             NotWritable: if it exists and is not an empty folder, or can't be created.
@@ -84,7 +82,6 @@ class BagWriter:
         return sum(topic.message_count for topic in self._topics.values())
 
     def __enter__(self) -> BagWriter:
-        """The writer itself."""
         return self
 
     def __exit__(
@@ -101,20 +98,13 @@ class BagWriter:
                 self.close()
 
     def __contains__(self, topic: str) -> bool:
-        """Whether a topic was added."""
         return topic in self._topics
 
     def add_topic(self, name: str, message_type: str, offered_qos: Sequence[Qos] = ()) -> None:
-        """Add a topic, before its first message.
-
-        Args:
-            name: absolute topic name.
-            message_type: such as ``geometry_msgs/msg/Pose``; one of ROS 2 Jazzy's own types.
-            offered_qos: quality of service of its publishers, as far as known.
+        """Add a topic by its absolute name, before its first message.
 
         Raises:
-            NotWritable: if the type is unknown, the topic was added with another type, or
-                writing fails.
+            NotWritable: if the type does not come with ROS 2 Jazzy, or the topic has another type.
         """
         if name in self._topics:
             if self._topics[name].type != message_type:
@@ -151,16 +141,15 @@ class BagWriter:
             self._fail(error)
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Add a message.
+        """Add a message to a topic that was added.
 
         Args:
-            topic: one that was added.
+            topic: absolute name.
             cdr: the message with its four bytes of encapsulation, as DDS carries it.
             log_time_ns: when it was received [ns since the epoch].
             publish_time_ns: when it was sent [ns since the epoch].
 
         Raises:
-            NotWritable: if writing fails; everything flushed before stays readable.
             KeyError: if the topic was not added.
         """
         self._refuse_if_broken()
@@ -184,9 +173,6 @@ class BagWriter:
 
         :meth:`write` does this when it is due; call it on a timer for the last message before a
         pause.
-
-        Raises:
-            NotWritable: if writing fails; everything flushed before stays readable.
         """
         self._refuse_if_broken()
         try:
@@ -200,11 +186,7 @@ class BagWriter:
             self._fail(error)
 
     def close(self) -> None:
-        """Complete the file and its metadata; does nothing if closed or failed before.
-
-        Raises:
-            NotWritable: if writing fails; everything flushed before stays readable.
-        """
+        """Complete the file and its metadata; does nothing if closed or failed before."""
         if self._closed or self._broken:
             return
         self._closed = True

@@ -1,7 +1,7 @@
 """Targets as arrays, directly from the bytes that DDS carries (plain CDR, OMG DDSI-RTPS 10.2).
 
 This takes a few microseconds, a message made by the middleware many times as long. Malformed bytes
-are an error here; the middleware drops them silently.
+raise :class:`MalformedMessage` here; the middleware drops them silently.
 """
 
 from __future__ import annotations
@@ -37,34 +37,15 @@ class MalformedMessage(ConversionError):
 
 
 class StampedPoses(NamedTuple):
-    """Content of a PoseStamped or a PoseArray.
-
-    Attributes:
-        nanoseconds: the stamp, since the epoch of the clock that made it [ns].
-        frame_id: as in the message.
-        poses: ``(n, 7)``, unchecked; one row for a PoseStamped.
-    """
+    """Content of a PoseStamped or a PoseArray."""
 
     nanoseconds: int
     frame_id: str
     poses: FloatArray
 
 
-def pose_from_bytes(data: bytes) -> FloatArray:
-    """The seven numbers ``(7,)`` of a ``geometry_msgs/msg/Pose``, unchecked.
-
-    Raises:
-        MalformedMessage: if the bytes are not those of a Pose.
-    """
-    return np.array(pose_numbers_from_bytes(data))
-
-
 def pose_numbers_from_bytes(data: bytes) -> tuple[float, ...]:
-    """:func:`pose_from_bytes` as a tuple, for callers that build an array.
-
-    Raises:
-        MalformedMessage: if the bytes are not those of a Pose.
-    """
+    """The seven numbers of a ``geometry_msgs/msg/Pose``, unchecked."""
     order = _byte_order(data, "Pose")
     _check_end(data, _HEADER_SIZE + _POSE_SIZE, "Pose")
     numbers: tuple[float, ...] = _POSES[order].unpack_from(data, _HEADER_SIZE)
@@ -72,12 +53,7 @@ def pose_numbers_from_bytes(data: bytes) -> tuple[float, ...]:
 
 
 def pose_stamped_from_bytes(data: bytes) -> StampedPoses:
-    """Content of a ``geometry_msgs/msg/PoseStamped``.
-
-    Raises:
-        MalformedMessage: if the bytes are not those of a PoseStamped.
-        InvalidStamp: if the stamp's nanoseconds are a second or more.
-    """
+    """Content of a ``geometry_msgs/msg/PoseStamped``."""
     order, nanoseconds, frame_id, position = _header(data, "PoseStamped")
     return StampedPoses(nanoseconds, frame_id, _poses(data, order, position, 1, "PoseStamped"))
 
@@ -102,23 +78,14 @@ def pose_array_from_bytes(data: bytes) -> StampedPoses:
 
 
 class JointPositions(NamedTuple):
-    """The names and positions of a JointState, unchecked.
-
-    Attributes:
-        names: joints, in the order of the message.
-        positions: as many numbers as the message has [rad or m].
-    """
+    """Names and positions [rad or m] of a JointState, in its order, unchecked."""
 
     names: tuple[str, ...]
     positions: tuple[float, ...]
 
 
 def joint_positions_from_bytes(data: bytes) -> JointPositions:
-    """Read the names and positions of a ``sensor_msgs/msg/JointState``.
-
-    Raises:
-        MalformedMessage: if the bytes are not those of a JointState.
-    """
+    """Read the names and positions of a ``sensor_msgs/msg/JointState``."""
     message_type = "JointState"
     order = _byte_order(data, message_type)
     position = _HEADER_SIZE + 8  # the stamp is not read

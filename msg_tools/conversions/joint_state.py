@@ -46,10 +46,7 @@ def joint_state_from_array(
 ) -> JointState:
     """The message of joint positions ``(dof,)`` [rad or m], without velocities and efforts.
 
-    Args:
-        joint_positions: in the order of ``joint_names``.
-        joint_names: names of the joints.
-        stamp: of the header; zero if left out.
+    The stamp of the header is zero if left out.
 
     Raises:
         WrongShape: if there is not one position per name.

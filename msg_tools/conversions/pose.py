@@ -18,19 +18,8 @@ def pose_to_array(message: Pose) -> FloatArray:
     :meth:`annik_core.IkSolver.solve` checks its target itself; elsewhere use
     :func:`annik_core.pose.checked_pose`.
     """
-    position, orientation = message.position, message.orientation
-    return np.array(
-        [
-            float(position.x),
-            float(position.y),
-            float(position.z),
-            float(orientation.x),
-            float(orientation.y),
-            float(orientation.z),
-            float(orientation.w),
-        ],
-        dtype=np.float64,
-    )
+    p, q = message.position, message.orientation
+    return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w], dtype=np.float64)
 
 
 def pose_from_array(pose: ArrayLike) -> Pose:
@@ -48,9 +37,5 @@ def pose_from_array(pose: ArrayLike) -> Pose:
 
 
 def pose_stamped_from_array(pose: ArrayLike, stamp: Time, frame_id: str) -> PoseStamped:
-    """The stamped message of a pose ``(7,)`` in the frame ``frame_id``, unchecked.
-
-    Raises:
-        WrongShape: if ``pose`` is not seven numbers.
-    """
+    """:func:`pose_from_array` with a stamp and the frame ``frame_id``."""
     return PoseStamped(header=Header(stamp=stamp, frame_id=frame_id), pose=pose_from_array(pose))

@@ -11,12 +11,7 @@ _SECONDS_RANGE = (-(2**31), 2**31 - 1)
 
 
 class InvalidStamp(ConversionError):
-    """A stamp is malformed, or a time does not fit into one.
-
-    Attributes:
-        name: the field or the quantity.
-        value: its value.
-    """
+    """A stamp is malformed, or a time does not fit into one."""
 
     def __init__(self, name: str, value: int, allowed: str) -> None:
         self.name = name
@@ -48,19 +43,11 @@ def split_stamp(nanoseconds: int) -> tuple[int, int]:
 
 
 def stamp_to_nanoseconds(message: Time) -> int:
-    """Time since the epoch of the clock that made the stamp [ns].
-
-    Raises:
-        InvalidStamp: if the nanoseconds are a second or more.
-    """
+    """Time since the epoch of the clock that made the stamp [ns]."""
     return join_stamp(int(message.sec), int(message.nanosec))
 
 
 def stamp_from_nanoseconds(nanoseconds: int) -> Time:
-    """The stamp of a time since the epoch [ns].
-
-    Raises:
-        InvalidStamp: if the seconds do not fit into 32 bits.
-    """
+    """The stamp of a time since the epoch [ns]."""
     sec, nanosec = split_stamp(nanoseconds)
     return Time(sec=sec, nanosec=nanosec)

@@ -31,11 +31,7 @@ def vector3_from_array(vector: ArrayLike) -> Vector3:
 
 
 def vector3_stamped_from_array(vector: ArrayLike, stamp: Time, frame_id: str) -> Vector3Stamped:
-    """The stamped message of a vector ``(3,)`` with components along the axes of ``frame_id``.
-
-    Raises:
-        WrongShape: if ``vector`` is not three numbers.
-    """
+    """The stamped message of a vector ``(3,)`` with components along the axes of ``frame_id``."""
     return Vector3Stamped(
         header=Header(stamp=stamp, frame_id=frame_id), vector=vector3_from_array(vector)
     )

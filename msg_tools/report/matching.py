@@ -18,29 +18,18 @@ _QUATERNION_TOLERANCE: Final = 1e-9
 
 
 class TargetMatches(NamedTuple):
-    """The sent target of each accepted one.
+    """The sent target of each accepted one."""
 
-    Attributes:
-        sent: for each accepted target the index of the sent one; None if unknown.
-        ambiguous: indices of the accepted targets that match several sent ones.
-    """
-
-    sent: list[int | None]
-    ambiguous: frozenset[int]
+    sent: list[int | None]  #: for each accepted target the index of the sent one; None if unknown
+    ambiguous: frozenset[int]  #: indices of the accepted targets that match several sent ones
 
 
 class TimedPose(NamedTuple):
-    """A pose in a message.
-
-    Attributes:
-        topic: absolute name of the topic.
-        time_ns: send time, or receive time if that is unknown [ns since the epoch].
-        pose: ``(7,)`` x, y, z [m], quaternion x, y, z, w.
-    """
+    """A pose in a message."""
 
     topic: str
-    time_ns: int
-    pose: FloatArray
+    time_ns: int  #: send time, or receive time if that is unknown [ns since the epoch]
+    pose: FloatArray  #: ``(7,)`` x, y, z [m], quaternion x, y, z, w
 
 
 def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> TargetMatches:
@@ -53,10 +42,6 @@ def match_targets(sent: Sequence[TimedPose], accepted: Sequence[TimedPose]) -> T
 
     If several sent targets match and more of that pose were sent than accepted, any of them may
     have been dropped: the match is ambiguous.
-
-    Args:
-        sent: targets of one or several topics, in any order.
-        accepted: in any order.
     """
     by_position: dict[tuple[float, ...], list[int]] = defaultdict(list)
     for index in sorted(range(len(sent)), key=lambda i: sent[i].time_ns):

@@ -31,18 +31,12 @@ _ROBOT_TOPICS = (
 
 
 class NamespaceError(AnnikError):
-    """The namespace to report on is unknown, or not the only one.
-
-    Attributes:
-        path: the bag.
-        wanted: the namespace that was asked for; None if none was.
-        namespaces: those that hold a robot.
-    """
+    """The namespace to report on is unknown, or not the only one."""
 
     def __init__(self, path: Path, wanted: str | None, namespaces: Sequence[str]) -> None:
         self.path = path
-        self.wanted = wanted
-        self.namespaces = tuple(namespaces)
+        self.wanted = wanted  #: the namespace that was asked for; None if none was
+        self.namespaces = tuple(namespaces)  #: those that hold a robot
         found = ", ".join(namespaces) or "none"
         super().__init__(
             f"bag {path}: robots in several namespaces: {found}; choose one as 'namespace'"
@@ -60,14 +54,9 @@ def robot_namespaces(bag: Bag) -> tuple[str, ...]:
 
 
 def robot_namespace(bag: Bag, wanted: str | None = None) -> str:
-    """The namespace to report on.
+    """The namespace to report on, with its leading slash; ``/`` if the bag has no topic of annik.
 
-    Args:
-        bag: the bag.
-        wanted: with or without the leading slash; None to find the only one.
-
-    Returns:
-        The namespace with its leading slash; ``/`` if the bag holds no topic of annik at all.
+    If none is wanted, it is the only one that holds a robot.
 
     Raises:
         NamespaceError: if the wanted one holds no topic of annik, or none is wanted and several

@@ -1,4 +1,4 @@
-"""Plots of a report as PNG: errors, path, latency, and several recordings compared.
+"""Plots of a report as PNG: errors, path, latency.
 
 Colours are those of Okabe and Ito, for colour-blind readers; lines and markers differ in a grey
 print too.
@@ -6,7 +6,7 @@ print too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from io import BytesIO
 from typing import Any, Final
 
@@ -217,32 +217,3 @@ def _png(figure: Figure) -> bytes:
     buffer = BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
-
-
-#: Colours and line styles of the recordings of a comparison.
-_STYLES = (("#E69F00", "-"), ("#0072B2", "--"), ("#009E73", ":"), ("#CC79A7", "-."))
-
-
-def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
-    """Errors of every target of several recordings, by name, as PNG with logarithmic axes.
-
-    A recording without targets has no line.
-    """
-    figure = _figure(9.0, 5.4)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    for (name, report), (colour, line) in zip(reports.items(), _STYLES, strict=False):
-        numbers = [target.number for target in report.targets]
-        for axes, unit, errors in (
-            (upper, "mm", [target.position_error_mm for target in report.targets]),
-            (lower, "deg", [target.orientation_error_deg for target in report.targets]),
-        ):
-            if errors:
-                label = f"{name}: mean {np.mean(errors):.3g} {unit}"
-                axes.plot(numbers, errors, line, color=colour, label=label)
-    for axes, label in ((upper, "position error [mm]"), (lower, "orientation error [deg]")):
-        axes.set_yscale("log")
-        axes.set_ylabel(label)
-        axes.grid(visible=True, which="both", alpha=0.3)
-        axes.legend()
-    lower.set_xlabel("target")
-    return _png(figure)

@@ -23,14 +23,10 @@ class RefusalCounts:
 
 
 def refusal_counts(diagnostics: Iterable[Any], namespace: str) -> RefusalCounts | None:
-    """The last counts that the ik_node of a namespace published.
+    """The last counts that the ik_node of a namespace published; ``/`` is the root.
 
-    Args:
-        diagnostics: ``diagnostic_msgs/msg/DiagnosticArray`` messages, in order of time.
-        namespace: with its leading slash; ``/`` is the root.
-
-    Returns:
-        None if there are none, or if several nodes match.
+    The ``DiagnosticArray`` messages are in order of time. None without counts, or if several nodes
+    match.
     """
     last: dict[str, RefusalCounts] = {}
     for array in diagnostics:

@@ -39,24 +39,15 @@ LARGEST_COORDINATE: Final = 1e6
 
 
 class TargetResult(NamedTuple):
-    """A target with a command and an achieved pose.
+    """A target with a command and an achieved pose."""
 
-    Attributes:
-        number: 1, 2, ... in order of acceptance.
-        stamp_ns: header stamp of the target, its command and its result [ns].
-        target: x, y, z [m] in the base frame.
-        achieved: x, y, z [m] in the base frame.
-        position_error_mm: distance between target and achieved position [mm].
-        orientation_error_deg: angle between target and achieved orientation [deg].
-        latency_us: time from the target's message to its command's [us]; None if unknown.
-    """
-
-    number: int
-    stamp_ns: int
-    target: tuple[float, float, float]
-    achieved: tuple[float, float, float]
+    number: int  #: 1, 2, ... in order of acceptance
+    stamp_ns: int  #: header stamp of the target, its command and its result [ns]
+    target: tuple[float, float, float]  #: x, y, z [m] in the base frame
+    achieved: tuple[float, float, float]  #: x, y, z [m] in the base frame
     position_error_mm: float
     orientation_error_deg: float
+    #: Time from the target's message to its command's [us]; None if unknown.
     latency_us: float | None
 
 
@@ -71,46 +62,32 @@ class Summary(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackingReport:
-    """Report of a bag on the tracking of one robot.
-
-    Attributes:
-        bag_path: the bag.
-        namespace: of the robot, with its leading slash.
-        targets_sent: messages on the target topics.
-        targets_answered: commands.
-        targets_unanswered: targets without a command: refused, or replaced by a newer one in the
-            queue.
-        targets_refused: count of the ik_node's last diagnostics; without diagnostics, all targets
-            without a command.
-        refusal_reasons: refused targets by reason, from the last diagnostics; most frequent first.
-        last_refusal: the last of them in words, with the value and what is allowed; may be empty.
-        targets: targets with a command and a result, in order of acceptance.
-        position_error_mm: over ``targets`` [mm]; None if there are none.
-        orientation_error_deg: over ``targets`` [deg]; None if there are none.
-        latency_us: target to command [us], over the targets that were matched; None if none.
-        latency_clock: ``sent`` or ``received``: the times that the latency is computed from.
-        recorded_error_difference: largest difference between the recorded tracking errors and
-            those recomputed here, [m] and [rad]; None if nothing can be compared.
-        bag_complete: whether everything recorded could be read.
-        notes: remarks for the reader, in sentences.
-    """
+    """Report of a bag on the tracking of one robot."""
 
     bag_path: Path
-    namespace: str
-    targets_sent: int
-    targets_answered: int
+    namespace: str  #: of the robot, with its leading slash
+    targets_sent: int  #: messages on the target topics
+    targets_answered: int  #: commands
+    #: Targets without a command: refused, or replaced by a newer one in the queue.
     targets_unanswered: int
+    #: Count of the ik_node's last diagnostics; without diagnostics, all targets without a command.
     targets_refused: int
+    #: Refused targets by reason, from the last diagnostics; most frequent first.
     refusal_reasons: dict[str, int]
+    #: The last of them in words, with the value and what is allowed; may be empty.
     last_refusal: str
+    #: Targets with a command and a result, in order of acceptance.
     targets: tuple[TargetResult, ...]
-    position_error_mm: Summary | None
-    orientation_error_deg: Summary | None
+    position_error_mm: Summary | None  #: over ``targets`` [mm]; None if there are none
+    orientation_error_deg: Summary | None  #: over ``targets`` [deg]; None if there are none
+    #: Target to command [us], over the targets that were matched; None if none.
     latency_us: Summary | None
-    latency_clock: str
+    latency_clock: str  #: ``sent`` or ``received``: the times that the latency is computed from
+    #: Largest difference between the recorded tracking errors and those recomputed here, [m] and
+    #: [rad]; None if nothing can be compared.
     recorded_error_difference: tuple[float, float] | None
     bag_complete: bool
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  #: remarks for the reader, in sentences
 
     @property
     def why_refused(self) -> str:
@@ -164,11 +141,7 @@ class _Latencies(NamedTuple):
 
 
 def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
-    """Compute the report of a bag.
-
-    Args:
-        bag: the bag.
-        namespace: of the robot; needed only if the bag holds several.
+    """Compute the report of a bag; the namespace of the robot is needed if it holds several.
 
     Raises:
         NamespaceError: see :func:`msg_tools.report.namespace.robot_namespace`.
@@ -254,11 +227,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
 def _pairs(
     records: dict[str, list[BagRecord]], bag: Bag, notes: list[str]
 ) -> tuple[list[_Pair], int]:
-    """Accepted targets with their achieved poses, in order of stamp.
-
-    Returns:
-        The pairs, and the number of those with an ambiguous latency.
-    """
+    """Accepted targets with their achieved poses, by stamp; how many latencies are ambiguous."""
     accepted = _by_stamp(records[ACCEPTED_TARGET.name], "accepted targets", notes)
     achieved = _by_stamp(records[ACHIEVED_POSE.name], "achieved poses", notes)
     commands = _by_stamp(records[JOINT_COMMAND.name], "commands", notes)
@@ -429,17 +398,8 @@ def _in_order_of_time(records: Sequence[BagRecord]) -> list[BagRecord]:
 
 
 def _pose(message: Pose) -> FloatArray:
-    return np.array(
-        [
-            message.position.x,
-            message.position.y,
-            message.position.z,
-            message.orientation.x,
-            message.orientation.y,
-            message.orientation.z,
-            message.orientation.w,
-        ]
-    )
+    p, q = message.position, message.orientation
+    return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
 
 
 def _vector(message: Vector3) -> tuple[float, float, float]:

@@ -4,14 +4,35 @@ from __future__ import annotations
 
 import csv
 import json
+from base64 import b64encode
+from collections.abc import Mapping
+from importlib.resources import files
 from io import StringIO
 from pathlib import Path
+from typing import Final
+
+from jinja2 import Environment, StrictUndefined
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from msg_tools.bags.reader import read_bag
-from msg_tools.report.html import report_html
 from msg_tools.report.plots import report_plots
+from msg_tools.report.table import overall_rows, target_rows
 from msg_tools.report.tracking import TrackingReport, tracking_report
+
+#: Rows of the table; targets.csv holds all.
+_MAX_ROWS: Final = 1000
+
+_CAPTIONS: Final = {
+    "errors.png": "Distance and angle between target and achieved pose, for each target.",
+    "path.png": "Target and achieved positions of the end effector, in the base frame.",
+    "histogram.png": "Distribution of the errors.",
+    "latency.png": "Time from a target's message to its command's.",
+}
+
+_CSV_COLUMNS: Final = (
+    *("target", "stamp_ns", "x_m", "y_m", "z_m"),
+    *("position_error_mm", "orientation_error_deg", "latency_us"),
+)
 
 
 def write_report(
@@ -36,7 +57,7 @@ def write_report(
     plots = report_plots(report)
     contents = {
         **plots,
-        "report.html": report_html(report, plots).encode(),
+        "report.html": _report_html(report, plots).encode(),
         "results.json": (json.dumps(report.to_dict(), indent=2, allow_nan=False) + "\n").encode(),
         "targets.csv": _targets_csv(report).encode(),
     }
@@ -45,30 +66,32 @@ def write_report(
     return report
 
 
+def _report_html(report: TrackingReport, plots: Mapping[str, bytes]) -> str:
+    """The report as an HTML document; ``plots`` (file name to PNG) are embedded."""
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = files("msg_tools.report").joinpath("report.html.jinja").read_text(encoding="utf-8")
+    pictures = [
+        (name, _CAPTIONS.get(name, name), b64encode(png).decode()) for name, png in plots.items()
+    ]
+    return environment.from_string(template).render(
+        report=report,
+        overall=overall_rows(report),
+        target_rows=target_rows(report.targets[:_MAX_ROWS]),
+        row_count=len(report.targets),
+        max_rows=_MAX_ROWS,
+        pictures=pictures,
+    )
+
+
 def _targets_csv(report: TrackingReport) -> str:
     text = StringIO()
     writer = csv.writer(text)
-    writer.writerow(
-        (
-            "target",
-            "stamp_ns",
-            "x_m",
-            "y_m",
-            "z_m",
-            "position_error_mm",
-            "orientation_error_deg",
-            "latency_us",
-        )
-    )
+    writer.writerow(_CSV_COLUMNS)
     for target in report.targets:
+        errors = target.position_error_mm, target.orientation_error_deg
         writer.writerow(
-            (
-                target.number,
-                target.stamp_ns,
-                *target.target,
-                target.position_error_mm,
-                target.orientation_error_deg,
-                target.latency_us,
-            )
+            (target.number, target.stamp_ns, *target.target, *errors, target.latency_us)
         )
     return text.getvalue()

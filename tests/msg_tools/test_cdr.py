@@ -16,13 +16,13 @@ from annik_core.errors import ConversionError
 from annik_core.pose import FloatArray
 from msg_tools.conversions.cdr import (
     pose_array_from_bytes,
-    pose_from_bytes,
+    pose_numbers_from_bytes,
     pose_stamped_from_bytes,
 )
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 READERS: dict[str, Callable[[bytes], Any]] = {
-    "Pose": pose_from_bytes,
+    "Pose": lambda data: np.array(pose_numbers_from_bytes(data)),
     "PoseStamped": pose_stamped_from_bytes,
     "PoseArray": pose_array_from_bytes,
 }
