@@ -9,11 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from annik_training.calibration.calibrate import (
-        CalibratedRobot,
-        CalibrationOptions,
-        calibrate,
-    )
+    from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
     from annik_training.designs.registry import design_names, make_design
     from annik_training.designs.sampling import generate_dataset
     from annik_training.evaluation import Evaluation, evaluate

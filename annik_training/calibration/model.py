@@ -196,7 +196,7 @@ class ParametricModel:
                 axis = angular if turns else linear
                 joint_screws.append(_Screw(turns, rotation @ axis, position))
                 if turns:
-                    rotation = rotation @ _turns(axis, actual[:, place - 1])
+                    rotation = rotation @ _exponentials(actual[:, place - 1, None] * axis)
                 else:
                     position = position + actual[:, place - 1, None] * (rotation @ axis)
             for error, parameter in errors:
@@ -335,11 +335,6 @@ def _after(
 ) -> tuple[FloatArray, FloatArray]:
     """Rotations ``(n, 3, 3)`` and positions ``(n, 3)`` followed by a motion ``(4, 4)``."""
     return rotation @ motion[:3, :3], position + rotation @ motion[:3, 3]
-
-
-def _turns(axis: FloatArray, angles: FloatArray) -> FloatArray:
-    """Rotations ``(n, 3, 3)`` about one axis."""
-    return _exponentials(angles[:, None] * axis)
 
 
 def _exponentials(rotation_vectors: FloatArray) -> FloatArray:

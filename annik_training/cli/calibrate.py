@@ -80,9 +80,7 @@ def calibrate(
     for path in (out, *([] if summary is None else [summary])):
         ensure_writable_folder(path.parent)
     calibrated = annik_training.calibrate(
-        robot,
-        dataset,
-        annik_training.CalibrationOptions(position_only=position_only, seed=seed),
+        robot, dataset, annik_training.CalibrationOptions(position_only=position_only, seed=seed)
     )
     _print_calibration(calibrated)
     usual = defaults_of(robot)

@@ -93,10 +93,7 @@ def evaluation_summary(evaluation: MeasuredEvaluation) -> dict[str, Any]:
         "positions_within_bound": position,
         "orientations_within_bound": orientation if angles else None,
         "regions": [
-            {
-                **region._asdict(),
-                **({} if region.examples else {"before": None, "after": None}),
-            }
+            {**region._asdict(), **({} if region.examples else {"before": None, "after": None})}
             for region in evaluation.regions
         ],
     }

@@ -23,12 +23,10 @@ class DesignSubject(Protocol):
     @property
     def name(self) -> str:
         """Name for error messages."""
-        ...
 
     @property
     def joint_box(self) -> JointLimits:
         """Joint positions that the examples are chosen from."""
-        ...
 
 
 class Needs(Enum):

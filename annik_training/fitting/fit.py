@@ -133,9 +133,7 @@ def held_out_rows(count: int, options: FitOptions) -> tuple[Indices, Indices]:
 
 
 def fit_restarts(
-    examples: Examples,
-    options: FitOptions,
-    on_restart: Callable[[Restart], None] | None = None,
+    examples: Examples, options: FitOptions, on_restart: Callable[[Restart], None] | None = None
 ) -> tuple[Restart, ...]:
     """Fit a network from several sets of random initial weights.
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from annik_core.pose import FloatArray, pose_distance
+from annik_core.pose import FloatArray
 from annik_core.robots.gantry import GantryKinematics, GantryWorkspace
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
@@ -33,54 +33,33 @@ class System(Protocol):
     @property
     def name(self) -> str:
         """Short name."""
-        ...
 
     @property
     def joint_box(self) -> JointLimits:
         """Joint positions that the examples are drawn from."""
-        ...
 
     @property
     def target_box(self) -> tuple[FloatArray, FloatArray]:
         """Least and greatest targets ``(k,)``; the outputs of a network are scaled to them."""
-        ...
-
-    @property
-    def error_unit(self) -> str:
-        """Unit of :meth:`errors`."""
-        ...
 
     def inputs(self, joint_positions: FloatArray) -> FloatArray:
         """Inputs of the network ``(n, m)`` at joint positions ``(n, dof)``."""
-        ...
 
     def targets(self, joint_positions: FloatArray) -> FloatArray:
         """Targets of the network ``(n, k)``."""
-        ...
 
     def input_jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """Derivatives of the inputs ``(n, m, dof)``."""
-        ...
 
     def target_jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """Derivatives of the targets ``(n, k, dof)``."""
-        ...
-
-    def errors(self, joint_positions: FloatArray, outputs: FloatArray) -> FloatArray:
-        """Errors ``(n,)`` of outputs ``(n, k)`` at joint positions ``(n, dof)``.
-
-        For inverse kinematics, the distance between the positions of the end effector at the
-        outputs and at the joint positions; for a function, the rms error over its outputs.
-        """
-        ...
 
 
 @dataclass(frozen=True)
 class InverseKinematicsSystem:
-    """The inverse kinematics of a robot as a :class:`System`; errors are distances [mm]."""
+    """The inverse kinematics of a robot as a :class:`System`."""
 
     robot: Robot
-    error_unit: str = "mm"
 
     @property
     def name(self) -> str:
@@ -154,9 +133,3 @@ class InverseKinematicsSystem:
     def target_jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """The identity, as network(encode(forward(q))) = q."""
         return np.tile(np.eye(self.robot.dof), (len(joint_positions), 1, 1))
-
-    def errors(self, joint_positions: FloatArray, outputs: FloatArray) -> FloatArray:
-        """Distances [mm] of the end effector at the outputs from that at the joint positions."""
-        forward = self.robot.forward_kinematics
-        distances, _ = pose_distance(forward.poses(joint_positions), forward.poses(outputs))
-        return 1e3 * distances

@@ -10,7 +10,7 @@ import yaml
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
 
-from msg_tools.bags.types import type_hash
+from msg_tools.bags.types import jazzy_types
 
 METADATA_FILE = "metadata.yaml"
 
@@ -76,7 +76,7 @@ def bag_information(
                     "type": topic.type,
                     "serialization_format": "cdr",
                     "offered_qos_profiles": dump_qos_v9(list(topic.offered_qos)),
-                    "type_description_hash": type_hash(topic.type),
+                    "type_description_hash": jazzy_types().hash_rihs01(topic.type),
                 },
                 "message_count": topic.message_count,
             }

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Final, NoReturn, cast
+from typing import IO, Any, Final, cast
 
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos
@@ -23,7 +23,7 @@ from msg_tools.bags.metadata import (
     qos_text,
 )
 from msg_tools.bags.provisional_end import LIBRARY, ClosedMcapFile
-from msg_tools.bags.types import is_known_type, message_definition, type_hash
+from msg_tools.bags.types import is_known_type, jazzy_types
 
 #: Messages are written to the file after so many bytes or so many seconds.
 CHUNK_SIZE: Final = 64 * 1024
@@ -57,7 +57,7 @@ class BagWriter:
         self._broken = False
         self._closed = False
         self._make_empty_directory()
-        try:
+        with self._failing_for_good():
             self._file = ClosedMcapFile(directory / self._file_name)
             self._writer = Writer(
                 cast("IO[Any]", self._file),
@@ -68,8 +68,6 @@ class BagWriter:
             self._writer.start(profile="ros2", library=LIBRARY)
             self._file.flush()
             self._write_metadata()
-        except (OSError, NotWritable) as error:
-            self._fail(error)
 
     @property
     def directory(self) -> Path:
@@ -122,8 +120,9 @@ class BagWriter:
                 "record types that come with ROS 2 Jazzy",
             )
         if message_type not in self._schemas:
+            definition, _ = jazzy_types().generate_msgdef(message_type, ros_version=2)
             self._schemas[message_type] = self._writer.register_schema(
-                message_type, "ros2msg", message_definition(message_type).encode()
+                message_type, "ros2msg", definition.encode()
             )
         self._channels[name] = self._writer.register_channel(
             name,
@@ -131,14 +130,12 @@ class BagWriter:
             self._schemas[message_type],
             {
                 "offered_qos_profiles": qos_text(offered_qos),
-                "topic_type_hash": type_hash(message_type),
+                "topic_type_hash": jazzy_types().hash_rihs01(message_type),
             },
         )
         self._topics[name] = RecordedTopic(name, message_type, tuple(offered_qos))
-        try:
+        with self._failing_for_good():
             self._write_metadata()
-        except (OSError, NotWritable) as error:
-            self._fail(error)
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Add a message to a topic that was added.
@@ -175,22 +172,20 @@ class BagWriter:
         pause.
         """
         self._refuse_if_broken()
-        try:
+        with self._failing_for_good():
             if self._unflushed:
                 self._writer.flush()  # type: ignore[no-untyped-call]
             self._unflushed = 0
             self._flushed_at = time.monotonic()
             if self._flushed_at - self._metadata_at >= METADATA_INTERVAL:
                 self._write_metadata()
-        except (OSError, NotWritable) as error:
-            self._fail(error)
 
     def close(self) -> None:
         """Complete the file and its metadata; does nothing if closed or failed before."""
         if self._closed or self._broken:
             return
         self._closed = True
-        try:
+        with self._failing_for_good():
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._writer.add_metadata(
                 "rosbag2",
@@ -203,8 +198,6 @@ class BagWriter:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close(with_own_end=True)
             self._write_metadata()
-        except (OSError, NotWritable) as error:
-            self._fail(error)
 
     def _make_empty_directory(self) -> None:
         try:
@@ -231,13 +224,15 @@ class BagWriter:
         if self._closed:
             raise NotWritable(self._directory, "the bag is closed", "start another bag")
 
-    def _fail(self, error: OSError | NotWritable) -> NoReturn:
-        self._broken = True
-        with suppress(OSError, AttributeError):
-            self._file.close(with_own_end=False)
-        reason = error.strerror or str(error) if isinstance(error, OSError) else error.reason
-        raise NotWritable(
-            self._directory,
-            reason,
-            "check free space and permissions; what was recorded before is kept",
-        ) from error
+    @contextmanager
+    def _failing_for_good(self) -> Iterator[None]:
+        """Close the file where writing fails; what was flushed before stays readable."""
+        try:
+            yield
+        except (OSError, NotWritable) as error:
+            self._broken = True
+            with suppress(OSError, AttributeError):
+                self._file.close(with_own_end=False)
+            reason = error.strerror or str(error) if isinstance(error, OSError) else error.reason
+            remedy = "check free space and permissions; what was recorded before is kept"
+            raise NotWritable(self._directory, reason, remedy) from error

@@ -92,9 +92,7 @@ class _Census:
         return sum(_same_orientation(other, pose) for other in poses.get(_position(pose), ()))
 
 
-def _poses_by_position(
-    targets: Sequence[TimedPose],
-) -> dict[tuple[float, ...], list[FloatArray]]:
+def _poses_by_position(targets: Sequence[TimedPose]) -> dict[tuple[float, ...], list[FloatArray]]:
     poses: dict[tuple[float, ...], list[FloatArray]] = defaultdict(list)
     for target in targets:
         poses[_position(target.pose)].append(target.pose)

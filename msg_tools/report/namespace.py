@@ -45,14 +45,6 @@ class NamespaceError(AnnikError):
         )
 
 
-def robot_namespaces(bag: Bag) -> tuple[str, ...]:
-    """Namespaces of a bag that hold topics of annik, sorted; ``/`` is the root.
-
-    If an ``ik_node`` sent commands in some of them, only those: targets elsewhere were remapped.
-    """
-    return _namespaces_with(bag, _SOLVER_TOPICS) or _namespaces_with(bag, _ROBOT_TOPICS)
-
-
 def robot_namespace(bag: Bag, wanted: str | None = None) -> str:
     """The namespace to report on, with its leading slash; ``/`` if the bag has no topic of annik.
 
@@ -62,7 +54,8 @@ def robot_namespace(bag: Bag, wanted: str | None = None) -> str:
         NamespaceError: if the wanted one holds no topic of annik, or none is wanted and several
             hold a robot.
     """
-    namespaces = robot_namespaces(bag)
+    # Where an ik_node sent commands, targets elsewhere were remapped.
+    namespaces = _namespaces_with(bag, _SOLVER_TOPICS) or _namespaces_with(bag, _ROBOT_TOPICS)
     if wanted is not None:
         chosen = "/" + wanted.strip("/")
         if chosen not in _namespaces_with(bag, _ROBOT_TOPICS):

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from annik_core.pose import FloatArray
-from msg_tools.report.tracking import TargetResult, TrackingReport
+from msg_tools.report.tracking import TrackingReport
 
 _BLUE: Final = "#0072B2"
 _ORANGE: Final = "#E69F00"
@@ -50,16 +50,9 @@ def errors_plot(report: TrackingReport) -> bytes:
     figure = _figure(8.0, 5.2)
     upper, lower = figure.subplots(2, 1, sharex=True)
     numbers = [target.number for target in report.targets]
-    _draw_series(
-        upper, numbers, [t.position_error_mm for t in report.targets], _BLUE, "position error [mm]"
-    )
-    _draw_series(
-        lower,
-        numbers,
-        [t.orientation_error_deg for t in report.targets],
-        _ORANGE,
-        "orientation error [deg]",
-    )
+    distances, angles = _errors(report)
+    _draw_series(upper, numbers, distances, _BLUE, "position error [mm]")
+    _draw_series(lower, numbers, angles, _ORANGE, "orientation error [deg]")
     upper.set_title("Tracking error along the path")
     lower.set_xlabel("target number")
     lower.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -92,15 +85,9 @@ def histogram_plot(report: TrackingReport) -> bytes:
     """Distribution of position error [mm] and orientation error [deg], as PNG."""
     figure = _figure(8.0, 3.6)
     left, right = figure.subplots(1, 2)
-    _draw_histogram(
-        left, [t.position_error_mm for t in report.targets], _BLUE, "position error [mm]"
-    )
-    _draw_histogram(
-        right,
-        [t.orientation_error_deg for t in report.targets],
-        _ORANGE,
-        "orientation error [deg]",
-    )
+    distances, angles = _errors(report)
+    _draw_histogram(left, distances, _BLUE, "position error [mm]")
+    _draw_histogram(right, angles, _ORANGE, "orientation error [deg]")
     left.set_ylabel("targets")
     figure.suptitle("Distribution of the tracking error")
     return _png(figure)
@@ -112,7 +99,7 @@ def latency_plot(report: TrackingReport) -> bytes:
     axes = figure.subplots()
     timed = [target for target in report.targets if target.latency_us is not None]
     latencies = [target.latency_us for target in timed if target.latency_us is not None]
-    seconds = _seconds(timed)
+    seconds = [(target.stamp_ns - timed[0].stamp_ns) / 1e9 for target in timed]
     if latencies and report.latency_us is not None:
         axes.plot(seconds, latencies, ".", color=_BLUE, markersize=4)
         axes.axhline(
@@ -209,8 +196,10 @@ def _say_empty(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, color=_GREY)
 
 
-def _seconds(targets: Sequence[TargetResult]) -> list[float]:
-    return [(target.stamp_ns - targets[0].stamp_ns) / 1e9 for target in targets]
+def _errors(report: TrackingReport) -> tuple[list[float], list[float]]:
+    """Position errors [mm] and orientation errors [deg]."""
+    targets = report.targets
+    return [t.position_error_mm for t in targets], [t.orientation_error_deg for t in targets]
 
 
 def _png(figure: Figure) -> bytes:

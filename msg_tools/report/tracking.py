@@ -171,9 +171,8 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
             "not all targets were recorded."
         )
     unanswered = max(0, sent - answered)
-    counts = refusal_counts(
-        (record.message for record in _in_order_of_time(records[DIAGNOSTICS.name])), chosen
-    )
+    by_time = sorted(records[DIAGNOSTICS.name], key=lambda record: record.log_time_ns)
+    counts = refusal_counts((record.message for record in by_time), chosen)
     if counts is None and unanswered:
         notes.append(
             "The bag holds no diagnostics of the ik_node: every target without a command is "
@@ -391,10 +390,6 @@ def _summary(values: Sequence[float]) -> Summary | None:
 
 def _summary_entries(summary: Summary | None) -> dict[str, float | None]:
     return dict.fromkeys(Summary._fields) if summary is None else dict(summary._asdict())
-
-
-def _in_order_of_time(records: Sequence[BagRecord]) -> list[BagRecord]:
-    return sorted(records, key=lambda record: record.log_time_ns)
 
 
 def _pose(message: Pose) -> FloatArray:

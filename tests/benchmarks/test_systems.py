@@ -12,9 +12,9 @@ from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.designs.thirty_phase_design import thirty_phase_design
-from annik_training.fitting.problem import InverseKinematicsSystem, System
 from benchmarks.systems.elbow_arm import ElbowArm
 from benchmarks.systems.function_system import interaction, paper_functions
+from benchmarks.systems.library import MeasuredSystem, RobotSystem
 
 EACH_SYSTEM = pytest.mark.parametrize(
     "make",
@@ -24,7 +24,7 @@ EACH_SYSTEM = pytest.mark.parametrize(
         ElbowArm,
         lambda: ElbowArm(height=0.1, upper_arm=0.5, forearm=0.2),
         *(
-            lambda name=name: InverseKinematicsSystem(load_robot(name))
+            lambda name=name: RobotSystem(load_robot(name))
             for name in ("gantry", "ur5e", "panda", "scara")
         ),
     ],
@@ -32,7 +32,7 @@ EACH_SYSTEM = pytest.mark.parametrize(
 )
 
 
-def inside(system: System, count: int = 20, seed: int = 0) -> np.ndarray:
+def inside(system: MeasuredSystem, count: int = 20, seed: int = 0) -> np.ndarray:
     """Random joint positions, not quite up to the edges of the box."""
     box = system.joint_box
     share = np.random.default_rng(seed).uniform(0.01, 0.99, (count, len(box.joint_names)))
@@ -41,7 +41,7 @@ def inside(system: System, count: int = 20, seed: int = 0) -> np.ndarray:
 
 @EACH_SYSTEM
 @pytest.mark.parametrize("of", ["input", "target"])
-def test_derivatives_are_those_of_the_values(make: Callable[[], System], of: str) -> None:
+def test_derivatives_are_those_of_the_values(make: Callable[[], MeasuredSystem], of: str) -> None:
     system = make()
     values = getattr(system, f"{of}s")
     joint_positions = inside(system)
@@ -55,7 +55,7 @@ def test_derivatives_are_those_of_the_values(make: Callable[[], System], of: str
 
 
 @EACH_SYSTEM
-def test_right_answers_have_no_error_and_wrong_ones_do(make: Callable[[], System]) -> None:
+def test_right_answers_have_no_error_and_wrong_ones_do(make: Callable[[], MeasuredSystem]) -> None:
     system = make()
     joint_positions = inside(system)
     targets = system.targets(joint_positions)
@@ -67,7 +67,7 @@ def test_right_answers_have_no_error_and_wrong_ones_do(make: Callable[[], System
 
 
 @EACH_SYSTEM
-def test_the_target_box_is_where_the_targets_are(make: Callable[[], System]) -> None:
+def test_the_target_box_is_where_the_targets_are(make: Callable[[], MeasuredSystem]) -> None:
     """And no wider: the corners of the joint box reach its ends."""
     system = make()
     lower, upper = system.target_box
@@ -155,7 +155,7 @@ class TestElbowArm:
 class TestInverseKinematicsOfTheGantry:
     def test_inputs_are_the_task_coordinates(self, gantry: Robot) -> None:
         """Eq. (1)-(2), as the gantry computes them before they are made a pose."""
-        system = InverseKinematicsSystem(gantry)
+        system = RobotSystem(gantry)
         q = inside(system)
         kinematics = gantry.forward_kinematics
         assert isinstance(kinematics, GantryKinematics)
@@ -163,7 +163,7 @@ class TestInverseKinematicsOfTheGantry:
 
     def test_on_the_gimbal_edge_they_are_the_examples_own(self, gantry: Robot) -> None:
         """There many pairs of roll and yaw are one orientation; to a micro-radian of tilt."""
-        system = InverseKinematicsSystem(gantry)
+        system = RobotSystem(gantry)
         q = inside(system)
         kinematics = gantry.forward_kinematics
         assert isinstance(kinematics, GantryKinematics)
@@ -174,7 +174,7 @@ class TestInverseKinematicsOfTheGantry:
 
     def test_the_error_is_the_end_effectors_in_millimetres(self, gantry: Robot) -> None:
         """Half a degree of the x drive is 5 mm, eq. (13); turning moves it nowhere."""
-        system = InverseKinematicsSystem(gantry)
+        system = RobotSystem(gantry)
         q = inside(system)
         along_x = system.errors(q, q + np.radians([0.5, 0, 0, 0, 0, 0]))
         assert along_x == pytest.approx(np.full(20, 5.0))

@@ -28,6 +28,7 @@ from annik_training.fitting.variable_projection import SeparableProblem
 from annik_training.networks.network import ScaledNetwork
 from benchmarks.systems.elbow_arm import ElbowArm
 from benchmarks.systems.function_system import paper_functions
+from benchmarks.systems.library import RobotSystem
 
 QUICK = FitOptions(hidden_units=(4,), restarts=2, max_evaluations=12)
 
@@ -70,7 +71,6 @@ class OddSystem:
     """Two joints, three inputs, four outputs, different boxes: nothing fits transposed."""
 
     name: str = "odd"
-    error_unit: str = ""
 
     @property
     def joint_box(self) -> JointLimits:
@@ -94,9 +94,6 @@ class OddSystem:
 
     def target_jacobians(self, q: np.ndarray) -> np.ndarray:
         return derivatives(self.targets, q)
-
-    def errors(self, q: np.ndarray, answers: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(answers - self.targets(q), axis=1)
 
 
 def derivatives(function: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray:
@@ -279,7 +276,7 @@ class TestLinearPath:
     ) -> None:
         """One more than it has joints; to a millionth of a micrometre."""
         options = replace(self.OPTIONS, bayesian_regularisation=bayesian)
-        system = InverseKinematicsSystem(gantry)
+        system = RobotSystem(gantry)
         network = fit_restarts(sobol_examples(system, 7, options), options)[0].network
         unseen = random_design(system.joint_box, 300, np.random.default_rng(1))
         assert system.errors(unseen, network.predict(system.inputs(unseen))).max() < 1e-9
@@ -304,7 +301,7 @@ class TestLinearPath:
 
     def test_examples_in_a_plane_are_learned_in_the_plane(self, gantry: Robot) -> None:
         """Twenty of them, in which two joints stand still and two move together."""
-        system = InverseKinematicsSystem(gantry)
+        system = RobotSystem(gantry)
         rng = np.random.default_rng(0)
 
         def in_the_plane(count: int) -> np.ndarray:
