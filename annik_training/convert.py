@@ -51,10 +51,6 @@ CONVERSION_TOLERANCE = 1e-12
 def convert_model(old: Path, new: Path) -> ModelMetadata:
     """Write a model file of format 1 in the format of today; returns the new metadata.
 
-    Args:
-        old: the file of format 1; it stays as it is.
-        new: the ``.onnx`` file to write.
-
     Raises:
         NotConvertible: if the old file is of another format, or is not as annik wrote it.
         ModelError: if the old file can't be used, or its weights were altered.

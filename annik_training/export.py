@@ -72,13 +72,8 @@ def write_model(
 ) -> None:
     """Write a graph and its metadata as a model file that a node accepts, or nothing.
 
-    Args:
-        graph: of a network, without metadata; they are added to it.
-        metadata: of the file.
-        path: the ``.onnx`` file.
-        poses: ``(n, 7)`` to prove the graph on.
-        expected: ``(n, dof)`` joint positions for them [rad or m].
-        tolerance: largest difference from these.
+    The graph is proved on poses ``(n, 7)``: its joint positions may differ by the tolerance from
+    those expected ``(n, dof)`` [rad or m].
 
     Raises: as :func:`export_model`.
     """

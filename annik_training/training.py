@@ -32,16 +32,11 @@ def train(
     evaluation_poses: int = DEFAULT_EVALUATION_POSES,
     on_restart: Callable[[Restart], None] | None = None,
 ) -> TrainedModel:
-    """Fit a network to a dataset, evaluate it, and write the model file.
+    """Fit a network to a dataset, evaluate it, and write the model file (``.onnx``).
 
-    The evaluation is on fresh random poses of the joint box; it chooses nothing.
-
-    Args:
-        dataset: the examples.
-        path: the ``.onnx`` file to write.
-        options: options of the fit; default: those for the kind of robot.
-        evaluation_poses: number of poses of the evaluation.
-        on_restart: called with each restart when it ends, such as for a progress bar.
+    The evaluation is on fresh random poses of the joint box; it chooses nothing. The options are
+    those for the kind of robot, unless given. ``on_restart`` is called with each restart when it
+    ends, such as for a progress bar.
 
     Raises:
         TooFewExamples: see :func:`annik_training.fitting.fit.fit`.

@@ -108,13 +108,10 @@ class CalibratedRobot:
 def calibrate(
     robot: Robot, dataset: Dataset, options: CalibrationOptions | None = None
 ) -> CalibratedRobot:
-    """Calibrate an arm with measured poses.
+    """Calibrate a nominal arm with measured poses.
 
-    Args:
-        robot: the nominal arm.
-        dataset: joint positions as commanded, and measured poses of the end effector frame in the
-            base frame.
-        options: options of the calibration.
+    The dataset has joint positions as commanded, and poses of the end effector frame in the base
+    frame.
 
     Raises:
         UnsupportedRobot: if the robot is no nominal arm.

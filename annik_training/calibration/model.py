@@ -132,8 +132,7 @@ class ParametricModel:
         self, parameters: FloatArray, joint_positions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Positions ``(n, 3)`` [m] and rotations ``(n, 3, 3)`` at ``(p,)`` and ``(n, dof)``."""
-        positions, rotations, _, _ = self._forward(parameters, joint_positions)
-        return positions, rotations
+        return self._forward(parameters, joint_positions)[:2]
 
     def evaluate(self, parameters: FloatArray, joint_positions: FloatArray) -> Evaluated:
         """The same, with derivatives by the parameters."""

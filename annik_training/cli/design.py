@@ -25,8 +25,9 @@ from annik_training.cli.options import (
     robot_options,
     write,
 )
+from annik_training.cli.plots import png
 from annik_training.designs.diagnostics import DesignDiagnostics, diagnose
-from annik_training.designs.plot import pair_plot
+from annik_training.designs.plot import pair_figure
 
 
 @click.command(
@@ -71,7 +72,7 @@ def _check_design(dataset: Dataset, plot: Path) -> None:
     diagnostics = diagnose(dataset.joint_positions, robot.joint_box)
     _print_diagnostics(diagnostics)
     title = f"{dataset.design}: {len(dataset)} examples for {robot.name}"
-    picture = pair_plot(
+    figure = pair_figure(
         dataset.joint_positions, robot.joint_box, robot.joint_types, diagnostics, title
     )
     numbers = {
@@ -82,7 +83,7 @@ def _check_design(dataset: Dataset, plot: Path) -> None:
         **asdict(diagnostics),
     }
     beside = plot.with_suffix(".json")
-    write(plot, picture)
+    write(plot, png(figure))
     write(beside, json.dumps(numbers, indent=2) + "\n")
     click.echo(f"wrote {plot} and {beside}")
 

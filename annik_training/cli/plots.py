@@ -63,6 +63,11 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
         f"{not_solved}",
         fontsize=9,
     )
+    return png(figure)
+
+
+def png(figure: Figure) -> bytes:
+    """A figure in its own resolution."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
@@ -130,7 +135,7 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
 
     The error of every pose, sorted, and the mean by joint and region.
     """
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    figure = Figure(figsize=(11, 4.5), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     curves, regions = figure.subplots(1, 2)
     share = 100 * (np.arange(len(evaluation.dataset)) + 1) / len(evaluation.dataset)
@@ -170,6 +175,4 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
     regions.set_title("by joint and part of the joint box")
     regions.grid(visible=True, axis="x", which="both", alpha=0.3)
     regions.legend(loc="center")
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    return buffer.getvalue()
+    return png(figure)

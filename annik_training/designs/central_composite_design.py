@@ -26,10 +26,8 @@ MAX_JOINTS = 10
 def central_composite_design(box: JointLimits, shells: int) -> FloatArray:
     """Joint positions of the centre, and of the corners and face centres of nested boxes.
 
-    Args:
-        box: the joint box.
-        shells: number of boxes; box s = 1..shells is s / shells as wide as the joint box and has
-            the same centre. One is the classic design.
+    Box s = 1..shells is s / shells as wide as the joint box and has the same centre; one is the
+    classic design.
 
     Returns:
         ``(shells (2^dof + 2 dof) + 1, dof)`` [rad or m]: the centre, then the boxes from the

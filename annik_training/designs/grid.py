@@ -14,11 +14,8 @@ from annik_core.robots.joint_limits import JointLimits
 def grid_positions(half_steps: NDArray[np.int64], box: JointLimits, steps: int) -> FloatArray:
     """Joint positions ``(n, dof)`` [rad or m] of a grid that divides every joint into equal steps.
 
-    Args:
-        half_steps: ``(n, dof)`` from 0, the lower end, to ``2 * steps``, the upper end. With half
-            steps the median is on the grid for any number of steps.
-        box: the joint box.
-        steps: number of steps that each joint's interval is divided into.
+    The half steps ``(n, dof)`` are from 0, the lower end, to ``2 * steps``, the upper end. With
+    half steps the median is on the grid for any number of steps.
     """
     inside = box.lower + half_steps / (2.0 * steps) * (box.upper - box.lower)
     # Rounding would miss the upper end, on either side of it.

@@ -1,4 +1,4 @@
-"""Pair plot of a design of experiments: its examples, two joints at a time, as PNG.
+"""Pair plot of a design of experiments: its examples, two joints at a time.
 
 Colours of Okabe and Ito, distinct to colour-blind readers; markers and frames differ too, for
 prints without colour.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from typing import Any, Final
 
 import numpy as np
@@ -45,21 +44,6 @@ _BINS: Final = 13
 _MOST_DRAWN: Final = 4000
 #: Positions closer than this fraction of the interval are drawn as one.
 _SAME: Final = 1e-6
-
-
-def pair_plot(
-    joint_positions: FloatArray,
-    box: JointLimits,
-    joint_types: Sequence[str],
-    diagnostics: DesignDiagnostics,
-    title: str,
-) -> bytes:
-    """The figure of :func:`pair_figure` as PNG."""
-    buffer = BytesIO()
-    pair_figure(joint_positions, box, joint_types, diagnostics, title).savefig(
-        buffer, format="png"
-    )
-    return buffer.getvalue()
 
 
 def pair_figure(

@@ -216,14 +216,10 @@ def make_design(
     seed: int = 0,
     options: Mapping[str, Any] | None = None,
 ) -> FloatArray:
-    """Joint positions ``(n, dof)`` [rad or m] of a design of experiments.
+    """Joint positions ``(n, dof)`` [rad or m] of a design of experiments, in the joint box.
 
-    Args:
-        subject: a robot, or another function of joints; no row leaves its joint box.
-        design: one of :func:`design_names`.
-        size: the value of the design's size option, such as the number of examples.
-        seed: seed of a random design.
-        options: the design's own options.
+    ``size`` is the value of the design's size option, such as the number of examples, and
+    ``options`` are its others. The seed is that of a random design.
 
     Raises:
         InvalidValue: if the name, the size or an option is not allowed.

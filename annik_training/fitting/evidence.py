@@ -58,13 +58,9 @@ def minimise_with_chosen_decay(
 ) -> tuple[FloatArray, int]:
     """Hidden weights ``(p,)`` for the weight decay of most evidence, and the evaluations.
 
-    The best point of the path is refined by re-estimation twice, if evaluations are left.
-
-    Args:
-        problem: the problem; its ``ridge`` is set to the chosen weight decay.
-        start: ``(p,)`` initial hidden weights.
-        max_evaluations: most evaluations of the residual in total; at least one is spent at each
-            point of the path.
+    The problem's ``ridge`` is set to that weight decay. At least one evaluation of the residual is
+    spent at each point of the path; its best point is refined by re-estimation twice, if some are
+    left.
     """
     share = max(1, int(_PATH_SHARE * max_evaluations) // len(PATH))
     weights, evaluations = start, 0

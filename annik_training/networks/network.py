@@ -177,11 +177,8 @@ class InverseKinematicsNetwork(nn.Module):
 class FusedNetwork(nn.Module):
     """Poses ``(n, 7)`` to joint positions ``(n, dof)``: the network of a model file; float64.
 
-    Args:
-        encoding: its terms are the features of the file.
-        hidden: layers from the terms on, each followed by tanh.
-        output: linear layer from the last of them to the joint positions.
-        linear_path: linear layer from the terms to the joint positions, or None.
+    The terms of the encoding are the features of the file. The hidden layers are each followed by
+    tanh; the output is linear in the last of them and, by the linear path, in the terms.
     """
 
     def __init__(

@@ -138,13 +138,9 @@ class BagWriter:
             self._write_metadata()
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Add a message to a topic that was added.
+        """Add a message to a topic that was added; times in ns since the epoch.
 
-        Args:
-            topic: absolute name.
-            cdr: the message with its four bytes of encapsulation, as DDS carries it.
-            log_time_ns: when it was received [ns since the epoch].
-            publish_time_ns: when it was sent [ns since the epoch].
+        ``cdr`` begins with the four bytes of encapsulation, as DDS carries it.
 
         Raises:
             KeyError: if the topic was not added.

@@ -40,12 +40,8 @@ def write_report(
 ) -> TrackingReport:
     """Write report.html, results.json, targets.csv and the pictures of a bag's report.
 
-    An earlier report is replaced only by a complete new one.
-
-    Args:
-        bag_path: folder of a bag, or one of its files.
-        output_directory: created if it does not exist.
-        namespace: of the robot; needed only if the bag holds several.
+    The bag is given by its folder or one of its files, the namespace of the robot only if the bag
+    holds several. An earlier report is replaced only by a complete new one.
 
     Raises:
         BagNotFound: if there is no such bag.

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
+from annik_training.cli.plots import png
 from annik_training.designs.diagnostics import diagnose
-from annik_training.designs.plot import pair_figure, pair_plot
+from annik_training.designs.plot import pair_figure
 from annik_training.designs.registry import make_design
 
 
@@ -53,7 +54,7 @@ def labels(figure: Figure) -> set[str]:
 def test_a_png_of_a_reasonable_size() -> None:
     box = JointLimits.from_bounds(["a", "b"], [0, 0], [1, 1])
     rows = np.random.default_rng(0).uniform(0, 1, (30, 2))
-    picture = pair_plot(rows, box, ("revolute",) * 2, diagnose(rows, box), "title")
+    picture = png(pair_figure(rows, box, ("revolute",) * 2, diagnose(rows, box), "title"))
     assert picture.startswith(b"\x89PNG")
     assert 10_000 < len(picture) < 1_000_000
 
