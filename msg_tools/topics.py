@@ -8,7 +8,7 @@ from typing import NamedTuple
 class Topic(NamedTuple):
     """A topic of annik: relative name, ROS message type, meaning with frame and units.
 
-    Publisher and subscriber are nodes, bag_recorder apart; ``you`` is who sends the targets.
+    Publisher and subscriber are nodes, bag_recorder apart; ``you`` sends the targets.
     """
 
     name: str

@@ -32,7 +32,7 @@ from annik_core.errors import AnnikError, NotWritable
 from annik_ros.bag_recorder.parameters import BagRecorderParameters
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.run_node import one_line, run_node
-from msg_tools.bags.types import is_known_type
+from msg_tools.bags.metadata import is_known_type
 from msg_tools.bags.writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.topics import TOPICS
 

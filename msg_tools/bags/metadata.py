@@ -1,16 +1,17 @@
-"""The ``metadata.yaml`` of a rosbag2 directory, format version 9."""
+"""What a bag says of itself: message types, and ``metadata.yaml`` of format version 9."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import yaml
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import dump_qos_v9
-
-from msg_tools.bags.types import jazzy_types
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
 METADATA_FILE = "metadata.yaml"
 
@@ -41,6 +42,17 @@ class RecordedSpan:
     def duration(self) -> int:
         """Length [ns]; 0 while there is no message."""
         return 0 if self.first is None or self.last is None else self.last - self.first
+
+
+@cache
+def jazzy_types() -> Typestore:
+    """The store of the message types that come with ROS 2 Jazzy; shared: do not extend it."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def is_known_type(message_type: str) -> bool:
+    """Whether a type, such as ``geometry_msgs/msg/Pose``, comes with ROS 2 Jazzy."""
+    return message_type in jazzy_types().fielddefs
 
 
 def qos_text(offered_qos: Sequence[Qos]) -> str:

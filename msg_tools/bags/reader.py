@@ -18,8 +18,7 @@ from rosbags.typesys.store import Typestore
 
 from msg_tools.bags.errors import BagNotFound, BagNotReadable
 from msg_tools.bags.mcap_messages import RawMessage, mcap_messages
-from msg_tools.bags.metadata import METADATA_FILE
-from msg_tools.bags.types import is_known_type, jazzy_types
+from msg_tools.bags.metadata import METADATA_FILE, is_known_type, jazzy_types
 
 _STORAGE_SUFFIXES: Final = (".mcap", ".db3")
 

@@ -19,11 +19,12 @@ from msg_tools.bags.metadata import (
     RecordedSpan,
     RecordedTopic,
     bag_information_text,
+    is_known_type,
+    jazzy_types,
     metadata_text,
     qos_text,
 )
 from msg_tools.bags.provisional_end import LIBRARY, ClosedMcapFile
-from msg_tools.bags.types import is_known_type, jazzy_types
 
 #: Messages are written to the file after so many bytes or so many seconds.
 CHUNK_SIZE: Final = 64 * 1024

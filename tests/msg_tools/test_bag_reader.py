@@ -14,8 +14,8 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from support.robot_recording import START_NS, RobotRecording, make
 
 from msg_tools.bags.errors import BagNotFound, BagNotReadable
+from msg_tools.bags.metadata import jazzy_types
 from msg_tools.bags.reader import read_bag
-from msg_tools.bags.types import jazzy_types
 from msg_tools.bags.writer import BagWriter
 
 POINT = "geometry_msgs/msg/Point"

@@ -25,8 +25,8 @@ from support.processes import run_python
 from support.robot_recording import START_NS, RobotRecording, make
 
 from annik_core.errors import NotWritable
+from msg_tools.bags.metadata import jazzy_types
 from msg_tools.bags.reader import read_bag
-from msg_tools.bags.types import jazzy_types
 from msg_tools.bags.writer import BagWriter
 
 POINT = "geometry_msgs/msg/Point"

@@ -10,8 +10,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from support.robot_recording import RobotRecording, pose_message, stamped_pose, stamped_vector
 
+from msg_tools.bags.metadata import jazzy_types
 from msg_tools.bags.reader import read_bag
-from msg_tools.bags.types import jazzy_types
 from msg_tools.report.namespace import NamespaceError
 from msg_tools.report.tracking import TrackingReport, tracking_report
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from annik_core.pose import FloatArray
 from annik_core.serving.tracking_error import tracking_error
-from msg_tools.bags.types import jazzy_types
+from msg_tools.bags.metadata import jazzy_types
 from msg_tools.bags.writer import BagWriter
 from msg_tools.topics import TOPICS
 
