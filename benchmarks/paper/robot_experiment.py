@@ -17,6 +17,7 @@ from annik_training.fitting.problem import InverseKinematicsSystem
 from annik_training.networks.network import InverseKinematicsNetwork
 from benchmarks.jobs.fit_job import random_joint_positions
 from benchmarks.paper.example_sets import paper_robot, robot_set
+from benchmarks.systems.library import RobotSystem
 
 WORKSPACE_POSES = 5000
 _WORKSPACE_SEED = 30_000
@@ -66,7 +67,7 @@ class RobotSetOutcome:
 
 def run_robot_set(job: RobotSetJob) -> RobotSetOutcome:
     """Fit all starts to a set and measure each."""
-    system = InverseKinematicsSystem(paper_robot())
+    system = RobotSystem(paper_robot())
     examples = examples_of(system, robot_set(job.method, job.name), job.options)
     restarts = fit_restarts(examples, job.options)
     path = diagonal_path()

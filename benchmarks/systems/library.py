@@ -6,7 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Protocol
 
-from annik_core.pose import FloatArray, pose_distance
+import numpy as np
+
+from annik_core.pose import FloatArray, pose_distance, roll_pitch_yaw
+from annik_core.robots.gantry import GantryWorkspace
 from annik_core.robots.library import load_robot
 from annik_training.fitting.problem import InverseKinematicsSystem, System
 from benchmarks.systems.elbow_arm import ElbowArm
@@ -28,6 +31,21 @@ class RobotSystem(InverseKinematicsSystem):
     """The inverse kinematics of a robot."""
 
     error_unit = "mm"
+
+    def features(self, poses: FloatArray, joint_positions: FloatArray) -> FloatArray:
+        """Features ``(n, m)``; those of the gantry are computed without torch.
+
+        The last bit of torch's roots and arctangents differs between processors, whatever
+        :mod:`benchmarks.same_rounding` sets, and fits would not repeat.
+        """
+        workspace = self.robot.workspace
+        if not isinstance(workspace, GantryWorkspace):
+            return super().features(poses, joint_positions)
+        resolved = [
+            workspace.resolve(pose, workspace.reference(example)).pose.tolist()
+            for pose, example in zip(poses, joint_positions, strict=True)
+        ]
+        return np.array([[*pose[:3], *roll_pitch_yaw(pose[3:])] for pose in resolved])
 
     def errors(self, joint_positions: FloatArray, outputs: FloatArray) -> FloatArray:
         """Distances [mm] of the end effector at the outputs from that at the joint positions."""

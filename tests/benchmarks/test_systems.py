@@ -12,6 +12,8 @@ from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.designs.thirty_phase_design import thirty_phase_design
+from annik_training.fitting.problem import InverseKinematicsSystem
+from benchmarks.paper.example_sets import paper_robot, robot_set
 from benchmarks.systems.elbow_arm import ElbowArm
 from benchmarks.systems.function_system import interaction, paper_functions
 from benchmarks.systems.library import MeasuredSystem, RobotSystem
@@ -180,3 +182,12 @@ class TestInverseKinematicsOfTheGantry:
         assert along_x == pytest.approx(np.full(20, 5.0))
         turned = system.errors(q, q + np.radians([0, 0, 0, 0.5, 0.5, 0.5]))
         assert turned == pytest.approx(np.zeros(20), abs=1e-9)
+
+
+@pytest.mark.parametrize("set_name", ["set1", "set2"])
+def test_features_of_the_gantry_are_those_that_its_networks_see(set_name: str) -> None:
+    """At a pitch of 90 degrees too, where roll and yaw are those of the example."""
+    system = RobotSystem(paper_robot())
+    joint_positions = robot_set("thirty_phase", set_name)
+    trained = InverseKinematicsSystem(system.robot).inputs(joint_positions)
+    assert np.allclose(system.inputs(joint_positions), trained, rtol=0.0, atol=1e-14)
