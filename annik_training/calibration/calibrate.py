@@ -26,7 +26,7 @@ from annik_training.calibration.uncertainty import (
     error_bound_of,
     unidentified_parameters,
 )
-from annik_training.fitting.threads import one_thread
+from annik_training.fitting.levenberg_marquardt import one_thread
 
 #: Sets of parts of the model to choose from, the simplest first.
 CANDIDATES: tuple[frozenset[Part], ...] = (

@@ -17,9 +17,9 @@ from annik_core.pose import FloatArray
 from annik_training.fitting.branches import single_branch
 from annik_training.fitting.evidence import minimise_with_chosen_decay
 from annik_training.fitting.lbfgs import minimise_all_weights
+from annik_training.fitting.levenberg_marquardt import one_thread
 from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import InverseKinematicsSystem, System
-from annik_training.fitting.threads import one_thread
 from annik_training.fitting.variable_projection import ScaledExamples, SeparableProblem, minimise
 from annik_training.networks.network import InverseKinematicsNetwork, ScaledNetwork, Scaling
 

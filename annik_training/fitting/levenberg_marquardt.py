@@ -17,7 +17,8 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import torch
 from torch import Tensor
@@ -99,3 +100,14 @@ def _step(reduced: Tensor, projected: Tensor, damping: float) -> Tensor:
     turned = orthonormal[: len(reduced)].T @ projected
     step: Tensor = -torch.linalg.solve_triangular(triangular, turned[:, None], upper=True)[:, 0]
     return step
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit torch to one thread: results depend on the number of threads, and more are slower."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -17,7 +17,7 @@ import joblib
 from joblib.parallel import get_active_backend
 
 from annik_core.errors import AnnikError
-from annik_training.fitting.threads import one_thread
+from annik_training.fitting.levenberg_marquardt import one_thread
 
 
 class WorkerEnded(AnnikError):
