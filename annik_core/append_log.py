@@ -25,16 +25,13 @@ class AppendLog:
     """A log, locked for this process alone. Use it as a context manager, or close it.
 
     Attributes:
-        path: the file.
         truncated: whether an incomplete last line was removed when the log was opened.
     """
 
     def __init__(self, path: Path, *, has_header: bool = False) -> None:
         """Open a log; create it and its folder if they are missing.
 
-        Args:
-            path: the file.
-            has_header: whether the first record says what the others belong to.
+        If ``has_header``, the first record says what the others belong to.
 
         Raises:
             InUse: if another process has it open.
@@ -65,7 +62,6 @@ class AppendLog:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close and unlock the file."""
         self.close()
 
     def close(self) -> None:
@@ -78,10 +74,7 @@ class AppendLog:
         return tuple(self._records)
 
     def append(self, record: Mapping[str, Any]) -> None:
-        """Append a record; it is on the disk when this returns.
-
-        Args:
-            record: JSON values, without a key ``check``.
+        """Append a record of JSON values without a key ``check``; it is on the disk at the return.
 
         Raises:
             NotWritable: if it can't be written. The file is then as it was before.
@@ -99,12 +92,7 @@ class AppendLog:
         self._records, self._size = self._read()
 
     def damaged(self, line: int, problem: str) -> DamagedRecord:
-        """The error for a record that does not mean what it should.
-
-        Args:
-            line: its number, from 1.
-            problem: what is wrong with it.
-        """
+        """The error for the record in a line, from 1, that does not mean what it should."""
         if self._has_header and line == 1:
             remedy = "the file can't be used without its first line: give another file"
         else:

@@ -51,14 +51,9 @@ class Dataset:
     """Examples for one robot.
 
     Attributes:
-        robot: the robot.
         joint_positions: ``(n, dof)`` [rad or m].
         poses: ``(n, 7)`` of the end effector in the base frame: x, y, z [m], unit quaternion
             x, y, z, w.
-        design: name of the design of experiments that chose the joint positions.
-        design_options: its size and options.
-        seed: seed of the design.
-        source: :data:`COMPUTED` or :data:`MEASURED`.
         measurement_noise: standard deviations of a measured pose: of each coordinate of its
             position [m], and of its orientation [rad]; None if computed or unknown.
     """
@@ -73,7 +68,6 @@ class Dataset:
     measurement_noise: tuple[float, float] | None = None
 
     def __len__(self) -> int:
-        """Number of examples."""
         return len(self.joint_positions)
 
     def rows(self, keep: NDArray[np.bool_]) -> Dataset:
@@ -130,7 +124,7 @@ def load_dataset(path: str | Path) -> Dataset:
     """Read a dataset and check that it is complete, unaltered and agrees with its provenance.
 
     Raises:
-        UnreadableDataset: if not, or if it is missing; names what is wrong.
+        UnreadableDataset: if not, or if it is missing.
     """
     path = Path(path)
     provenance, joint_positions, poses, expected_hash = _read(path)
@@ -154,7 +148,6 @@ def load_dataset(path: str | Path) -> Dataset:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
-    """Provenance, joint positions, poses and hash of the file, unchecked."""
     try:
         content = path.read_bytes()
     except FileNotFoundError as error:
@@ -180,7 +173,6 @@ def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
 
 
 def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:
-    """The robot of a provenance, which is checked to be complete and to agree with the robot."""
     version = provenance.get("format_version")
     if version != FORMAT_VERSION:
         raise UnreadableDataset(path, f"format version {version!r}, not {FORMAT_VERSION}")
@@ -233,7 +225,6 @@ def _checked_noise(path: Path, noise: Any) -> tuple[float, float] | None:
 def _check_arrays(
     path: Path, robot: Robot, joint_positions: FloatArray, poses: FloatArray
 ) -> None:
-    """Refuse arrays of wrong type, shape or range."""
     for name, array, columns in (
         ("joint_positions", joint_positions, robot.dof),
         ("poses", poses, 7),
@@ -267,7 +258,6 @@ def _check_arrays(
 def _check_forward_kinematics(
     path: Path, robot: Robot, joint_positions: FloatArray, poses: FloatArray
 ) -> None:
-    """Refuse computed poses that the forward kinematics does not confirm."""
     with np.errstate(over="ignore"):
         distances, angles = pose_distance(poses, robot.forward_kinematics.poses(joint_positions))
     # A NaN from an overflow disagrees, so not '>'.

@@ -61,8 +61,6 @@ class InvalidValue(AnnikError):
     """A setting, an option or a parameter has a value that is not allowed.
 
     Attributes:
-        name: what was set.
-        value: what it was set to.
         allowed: the allowed values, as text with the unit.
     """
 
@@ -77,7 +75,6 @@ class NotWritable(AnnikError):
     """A file or a folder can't be written.
 
     Attributes:
-        path: the file or the folder.
         reason: what the operating system said.
     """
 
@@ -90,11 +87,7 @@ class NotWritable(AnnikError):
 
 
 class InUse(AnnikError):
-    """Another process writes to a file.
-
-    Attributes:
-        path: the file.
-    """
+    """Another process writes to a file."""
 
     def __init__(
         self, path: Path, remedy: str = "wait until that process ends, or give another file"
@@ -107,9 +100,7 @@ class DamagedRecord(AnnikError):
     """A line of an append-only log is damaged.
 
     Attributes:
-        path: the file.
         line: number of the line, from 1.
-        problem: what is wrong with it.
     """
 
     def __init__(

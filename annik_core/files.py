@@ -24,12 +24,8 @@ def expanded(path: str | Path) -> Path:
 def read_regular_file(path: Path, most: int) -> bytes:
     """The content of a file, after following links; never waits for it.
 
-    Args:
-        path: of the file.
-        most: most bytes to accept.
-
     Raises:
-        OSError: if it can't be read, is a folder, a pipe or a device, or is larger.
+        OSError: if it can't be read, is a folder, a pipe or a device, or has over ``most`` bytes.
         ValueError: if no file could have this path.
     """
     # Opening a pipe would wait for one that writes to it.
@@ -59,11 +55,7 @@ def ensure_writable_folder(folder: Path) -> None:
 
 
 def write_files_atomically(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write several files of one folder, replacing none before all are complete beside them.
-
-    Args:
-        folder: existing folder.
-        contents: file name to bytes.
+    """Write files, by name, into an existing folder; replace none before all are complete.
 
     Raises:
         NotWritable: if one can't be written; existing files are then unchanged, unless the

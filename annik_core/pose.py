@@ -38,20 +38,14 @@ _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
 
 def checked_pose(pose: ArrayLike) -> FloatArray:
-    """Check that a pose is finite and that its quaternion has unit norm.
+    """A pose ``(7,)`` as a new array, its quaternion normalised.
 
-    Args:
-        pose: ``(7,)``; position [m], quaternion x, y, z, w with a norm of 1 within
-            :data:`QUATERNION_NORM_TOLERANCE`.
-
-    Returns:
-        A new array ``(7,)`` with the quaternion normalised; a quaternion whose norm is 1 to
-        rounding is kept bit for bit.
+    A quaternion whose norm is 1 to rounding is kept bit for bit.
 
     Raises:
         WrongShape: if it is not seven numbers.
         NonFiniteValue: if a number is NaN or infinite; names the field.
-        NotUnitQuaternion: if the norm is too far from 1.
+        NotUnitQuaternion: if the norm is not 1 within :data:`QUATERNION_NORM_TOLERANCE`.
     """
     checked = np.array(pose, dtype=np.float64)
     if checked.shape != (7,):
@@ -71,15 +65,7 @@ def checked_pose(pose: ArrayLike) -> FloatArray:
 
 
 def pose_from_roll_pitch_yaw(position: ArrayLike, roll_pitch_yaw: ArrayLike) -> FloatArray:
-    """Poses from positions and roll, pitch, yaw.
-
-    Args:
-        position: ``(n, 3)`` or ``(3,)`` [m].
-        roll_pitch_yaw: same shape [rad].
-
-    Returns:
-        ``(n, 7)`` or ``(7,)``; the quaternion's w is not negative.
-    """
+    """Poses ``(n, 7)`` or ``(7,)`` from positions [m] and roll, pitch, yaw [rad]; w >= 0."""
     from scipy.spatial.transform import Rotation
 
     angles = np.asarray(roll_pitch_yaw, dtype=np.float64)
@@ -88,18 +74,14 @@ def pose_from_roll_pitch_yaw(position: ArrayLike, roll_pitch_yaw: ArrayLike) -> 
 
 
 def pose_difference(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Difference from the achieved poses to the targets, in the base frame.
+    """Difference from the achieved poses to the targets, checked poses ``(7,)`` or ``(n, 7)``.
 
     Its rotation is that of ``R_target R_achieved^T``, the shorter way round. A quaternion and its
     negative are the same orientation.
 
-    Args:
-        target: ``(7,)`` or ``(n, 7)``, checked poses.
-        achieved: same shape.
-
     Returns:
-        Position difference [m] and rotation vector [rad, norm in [0, pi]], each ``(3,)`` or
-        ``(n, 3)``.
+        Position difference [m] and rotation vector [rad, norm in [0, pi]] in the base frame, each
+        ``(3,)`` or ``(n, 3)``.
     """
     from scipy.spatial.transform import Rotation
 
@@ -184,14 +166,6 @@ def rotation_matrix(quaternion: FloatArray) -> FloatArray:
 
 
 def pose_distance(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Norms of :func:`pose_difference`.
-
-    Args:
-        target: ``(7,)`` or ``(n, 7)``, checked poses.
-        achieved: same shape.
-
-    Returns:
-        Distances [m] and angles [rad, in [0, pi]], each ``()`` or ``(n,)``.
-    """
+    """Norms of :func:`pose_difference`: distances [m], angles [rad], each ``()`` or ``(n,)``."""
     position, rotation = pose_difference(target, achieved)
     return np.linalg.norm(position, axis=-1), np.linalg.norm(rotation, axis=-1)

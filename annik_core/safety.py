@@ -25,9 +25,6 @@ class IkStatus(Enum):
     """Outcome of one target, in the order of the checks.
 
     Everything but ``SUCCESS`` is a refusal: nothing is commanded.
-
-    Attributes:
-        meaning: when a target has this outcome, in one line.
     """
 
     meaning: str
@@ -97,12 +94,7 @@ class IkStatus(Enum):
 
 
 class Refusal(NamedTuple):
-    """Why a target is refused.
-
-    Attributes:
-        status: which check it failed.
-        reason: one line with the value and the allowed range.
-    """
+    """Why a target is refused."""
 
     status: IkStatus
     reason: str
@@ -157,7 +149,6 @@ class AcceptanceLimits:
     )
 
     def __post_init__(self) -> None:
-        """Refuse limits that no solution, or any solution, could satisfy."""
         check_settings(self)
 
     @cached_property
@@ -248,7 +239,6 @@ class CommandSafety:
     )
 
     def __post_init__(self) -> None:
-        """Refuse limits that no target or command could satisfy."""
         check_settings(self)
         pairs = zip(self.workspace_box_lower, self.workspace_box_upper, strict=True)
         if not all(low < high for low, high in pairs):
@@ -278,11 +268,9 @@ class Candidate:
     """Joint positions that become a command unless a check refuses them.
 
     Attributes:
-        robot: the robot that they are for.
         target: ``(7,)`` a checked pose.
         joint_positions: ``(dof,)`` [rad or m], exactly the array that is returned.
         known_residuals: the residuals, as far as computed; see :meth:`residuals`.
-        newton_steps: refinement steps taken; 0 in network mode.
         converged: False if the refinement ended short of the target.
     """
 
@@ -329,7 +317,6 @@ class Motion(NamedTuple):
     """The motion of a running robot that a command continues.
 
     Attributes:
-        safety: limits on it.
         interval: time since the previous command [s]; None: this is the first command.
         measured: where the robot is; of a command for a later time nothing is known.
     """
@@ -343,7 +330,6 @@ class CommandContext(NamedTuple):
     """What a candidate is checked against.
 
     Attributes:
-        limits: limits on the solution.
         previous: ``(dof,)`` the previous command, or, at first, the measured joint positions.
         motion: the motion that it continues; None: it stands alone.
     """

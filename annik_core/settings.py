@@ -24,15 +24,12 @@ class Setting:
     """A field of a dataclass that may be set.
 
     Attributes:
-        name: of the field.
         default: bool, int, float, str, a member of an Enum, a tuple of numbers (whose length is
             then fixed), or a tuple of strings (of any length).
-        description: one sentence or more.
         unit: of the value, or of each number of a tuple; empty if it has none.
         minimum: least value allowed; None: no least value.
         greater_than: what the value must exceed; None: nothing.
         maximum: greatest value allowed; None: any finite one; infinity: any.
-        choices: the strings allowed; empty: any.
     """
 
     name: str

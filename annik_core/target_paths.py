@@ -38,14 +38,11 @@ class UnreadableTargetFile(AnnikError):
 
 
 def diagonal_path(points: int = DIAGONAL_POINTS) -> FloatArray:
-    """The paper's test path across the workspace of the gantry.
+    """The paper's test path across the workspace of the gantry, ends included.
 
     From P1 (210, 210, 510) mm to P2 (490, 490, 790) mm, with roll = pitch = 0 and yaw from 0 to
     90 degrees in equal steps. (The paper states steps of 6.44 degrees, but also 90 degrees at P2,
     which are 14 steps of 6.4286 degrees.)
-
-    Args:
-        points: number of poses, ends included; 15 in the paper.
 
     Raises:
         InvalidValue: if there are fewer than two points.
@@ -56,12 +53,7 @@ def diagonal_path(points: int = DIAGONAL_POINTS) -> FloatArray:
 
 
 def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
-    """A straight line, with the shortest rotation about a fixed axis, in equal steps.
-
-    Args:
-        start: pose ``(7,)``.
-        end: pose ``(7,)``.
-        points: how many, ends included.
+    """A straight line between poses ``(7,)``, with the shortest rotation, in equal steps.
 
     Raises:
         InvalidValue: if there are fewer than two points.
@@ -79,15 +71,9 @@ def line_path(start: ArrayLike, end: ArrayLike, points: int) -> FloatArray:
 def circle_path(
     centre: ArrayLike, radius: float, roll_pitch_yaw: ArrayLike, points: int
 ) -> FloatArray:
-    """A horizontal circle at constant orientation, anticlockwise seen from above.
+    """A horizontal circle at constant orientation [rad], anticlockwise seen from above.
 
     It starts at the largest x. The first point is not repeated at the end, so laps can be joined.
-
-    Args:
-        centre: ``(3,)`` [m].
-        radius: [m], greater than 0.
-        roll_pitch_yaw: ``(3,)`` [rad].
-        points: how many, spread evenly; at least two.
 
     Raises:
         InvalidValue: if the radius or the number of points is out of range.

@@ -11,12 +11,7 @@ from msg_tools.topics import TOPICS
 
 
 class UnknownArgument(AnnikError):
-    """An argument that is neither ``--help`` nor for ROS.
-
-    Attributes:
-        argument: the first one.
-        remedy: what to write.
-    """
+    """An argument that is neither ``--help`` nor for ROS."""
 
     def __init__(self, argument: str, remedy: str) -> None:
         self.argument = argument
@@ -65,13 +60,7 @@ def asks_for_help(arguments: Iterable[str]) -> bool:
 
 
 def help_text(name: str, summary: str, parameters: type) -> str:
-    """What ``--help`` prints.
-
-    Args:
-        name: of the node.
-        summary: its purpose.
-        parameters: the dataclass of its parameters.
-    """
+    """What ``--help`` prints of a node with a dataclass of parameters."""
     lines = [
         f"usage: {name} [--ros-args [-p PARAMETER:=VALUE]... [-r TOPIC:=NEW_NAME]... "
         "[-r __ns:=NAMESPACE] [--params-file FILE]]",

@@ -25,12 +25,7 @@ OF_OTHER_NODES = frozenset({"max_orientation_residual", "max_orientation_spread"
 
 
 class MisspeltParameter(AnnikError):
-    """A parameter that the node does not have was given, and it has one of nearly this name.
-
-    Attributes:
-        given: the name that was given.
-        meant: the name of the parameter.
-    """
+    """A parameter that the node does not have was given, and it has one of nearly this name."""
 
     def __init__(self, given: str, meant: str) -> None:
         self.given = given
@@ -42,16 +37,9 @@ class MisspeltParameter(AnnikError):
 
 
 def declare_parameters(node: Node, parameters: type[Parameters]) -> Parameters:
-    """Declare the parameters of a dataclass on a node, with descriptions and ranges.
+    """Declare the parameters of a dataclass on a node, and return their values.
 
     Values that are not allowed are refused later too, while the node runs.
-
-    Args:
-        node: the node.
-        parameters: a dataclass such as :class:`annik_ros.ik_node.parameters.IkNodeParameters`.
-
-    Returns:
-        The values given on the command line or in a file, the defaults for the rest.
 
     Raises:
         MisspeltParameter: if a name was given that is nearly that of a parameter.

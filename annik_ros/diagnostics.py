@@ -35,8 +35,6 @@ class DiagnosticReport:
     """The report of a node.
 
     Attributes:
-        level: how serious it is.
-        message: one line.
         hardware_id: the robot.
         values: further values, as text by key.
     """
@@ -56,12 +54,7 @@ def outcome_report(
 ) -> DiagnosticReport:
     """The report of a node that accepts or refuses messages; for its level see ``LEVELS``.
 
-    Args:
-        what: what is received, in the singular, such as ``target``.
-        outcomes: the counts.
-        hardware_id: the robot.
-        values: further values, before the counts.
-        expected_rate: [Hz]; 0: unknown.
+    ``what`` names one message, such as ``target``; ``expected_rate`` [Hz] is 0 if unknown.
     """
     level, message = _verdict(what, outcomes, expected_rate)
     counts = {
@@ -131,7 +124,6 @@ class DiagnosticsPublisher:
     """Publishes a report once a second of real time."""
 
     def __init__(self, node: Node, report: Callable[[], DiagnosticReport]) -> None:
-        """Publish what ``report`` returns, under the full name of ``node``."""
         self._node = node
         self._report = report
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.name, 10)

@@ -41,13 +41,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report.
-
-    Attributes:
-        verdict: the outcome.
-        what: what was checked and found.
-        remedy: what to do; empty if nothing.
-    """
+    """One line of the report."""
 
     verdict: Verdict
     what: str

@@ -27,7 +27,6 @@ class NodeEnded(AnnikError):
     """A node ended that the others need.
 
     Attributes:
-        node: its name.
         exit_code: of its process; negative: the signal that killed it.
     """
 
@@ -38,11 +37,7 @@ class NodeEnded(AnnikError):
 
 
 class Launch:
-    """The checked arguments of a launch file, and the nodes that it starts with them.
-
-    Attributes:
-        values: the values of the arguments; see :data:`ARGUMENTS`.
-    """
+    """The checked arguments of a launch file, and the nodes that it starts with them."""
 
     def __init__(self, context: LaunchContext, names: Sequence[str]) -> None:
         """Check the arguments.
@@ -75,10 +70,7 @@ class Launch:
     ) -> LaunchDescriptionEntity:
         """A node of annik, with its file in ``config/``, the parameter file and these parameters.
 
-        Args:
-            name: of the node and of its executable.
-            parameters: those that are None are not given.
-            on_exit: what to do when it ends; by default everything ends with it.
+        Parameters that are None are not given. By default everything ends with the node.
         """
         from launch_ros.actions import Node
         from launch_ros.parameter_descriptions import ParameterValue
@@ -112,12 +104,9 @@ class Launch:
 def launch_description(
     file: str, names: Sequence[str], make: Callable[[Launch], Actions]
 ) -> LaunchDescription:
-    """A launch file whose arguments are checked before anything starts.
+    """A launch file with these arguments, which are checked before anything starts.
 
-    Args:
-        file: its path.
-        names: its arguments.
-        make: makes its actions; may raise an :class:`AnnikError`.
+    ``make`` makes its actions, and may raise an :class:`AnnikError`.
     """
     from launch import LaunchDescription
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -164,9 +153,7 @@ def ends_the_launch(
 ) -> Callable[[ProcessExited, LaunchContext], Actions | None]:
     """What to do when a node ends: end everything, with exit code 1 unless its own is 0.
 
-    Args:
-        node: its name.
-        may_end: whether it may end with exit code 0.
+    If it ``may_end``, exit code 0 is no failure.
     """
 
     def on_exit(event: ProcessExited, context: LaunchContext) -> Actions | None:

@@ -28,7 +28,6 @@ class Argument(NamedTuple):
 
     Attributes:
         default: as text; empty: not given.
-        meaning: one line.
         check: the value for the name and the text; raises :class:`InvalidValue`.
     """
 

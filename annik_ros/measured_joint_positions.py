@@ -24,14 +24,9 @@ _JOINT_STATES_QOS = QoSProfile(
 
 
 class MeasuredJointPositions:
-    """Reads every joint state as it arrives, and merges them by name and time.
-
-    Attributes:
-        joints: the newest positions, and the count of what can't be used.
-    """
+    """Reads every joint state as it arrives, and merges them by name and time."""
 
     def __init__(self, node: Node, joint_names: tuple[str, ...], timeout: float) -> None:
-        """Subscribe on ``node``; a position counts for ``timeout`` [s]."""
         self.joints = MeasuredJoints(joint_names, timeout)
         self._node = node
         self._reported: set[JointStateFault] = set()

@@ -1,8 +1,7 @@
 """Parameters of the nodes, made from settings. Needs no ROS.
 
-A dataclass of parameters has settings of its own, made by :func:`parameter`, and whole dataclasses
-of settings, included by :func:`parameters_of`. The nodes declare the table of such a dataclass;
-``config/*.yaml`` and the documentation are generated from it.
+The nodes declare the table of a dataclass of parameters; ``config/*.yaml`` and the documentation
+are generated from it.
 """
 
 from __future__ import annotations
@@ -42,10 +41,6 @@ class Parameter:
     ``ros2 param load`` turns infinity, and numbers such as 5e-07, into strings. A default of this
     kind is 0 as a parameter, where the setting itself does not allow 0; the infinite bounds of an
     array are -1000 and 1000.
-
-    Attributes:
-        setting: name, meaning and range.
-        read_only: whether the value is fixed when the node starts.
     """
 
     setting: Setting
@@ -154,12 +149,9 @@ def parameter(default: Value, description: str, *, read_only: bool = True, **how
 def parameters_of(
     settings: type[Settings], *, read_only: bool = True, names: Mapping[str, str] | None = None
 ) -> Settings:
-    """A field of a dataclass whose settings are parameters.
+    """A field of a dataclass that is a dataclass of settings, all of which are parameters.
 
-    Args:
-        settings: a dataclass of settings, which is also the type of the field.
-        read_only: of all of these parameters.
-        names: names of parameters, where they are not those of the settings.
+    ``names`` has the names of parameters that differ from those of the settings.
     """
     included: Any = field(
         default_factory=settings,

@@ -32,13 +32,7 @@ class ChildProcessFailed(AnnikError):
 
 
 class ChildProcess:
-    """A process in a group of its own; leaving the context ends the whole group.
-
-    Args:
-        command: program and arguments.
-        log: file for its output.
-        environment: its environment.
-    """
+    """A process in a group of its own; leaving the context ends the whole group."""
 
     def __init__(self, command: Sequence[str], log: Path, environment: Mapping[str, str]) -> None:
         self.name = log.stem
@@ -60,7 +54,6 @@ class ChildProcess:
         return self._process.pid
 
     def __enter__(self) -> ChildProcess:
-        """The process itself."""
         return self
 
     def __exit__(
@@ -69,7 +62,6 @@ class ChildProcess:
         exception: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """End the process group."""
         self.end()
 
     def wait_for_text(self, text: str, timeout: float) -> None:

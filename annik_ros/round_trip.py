@@ -31,9 +31,6 @@ _TRIPS = 20
 def round_trip(model: Path) -> tuple[float, float] | None:
     """Time the round trip of a target to an ik_node of its own, in a namespace of its own.
 
-    Args:
-        model: the model file that the node serves.
-
     Returns:
         Time from the start of the process to its first command, and the median time from a target
         to its command once both have met [s]; None if a command takes longer than

@@ -27,12 +27,7 @@ _LONGEST_WAIT: Final = 0.5
 
 
 class NotInTime(AnnikError):
-    """What a node waits for did not come within a timeout.
-
-    Attributes:
-        missing: what is missing.
-        timeout: how long the node waited [s].
-    """
+    """What a node waits for did not come within a timeout."""
 
     def __init__(self, missing: str, timeout: float, remedy: str) -> None:
         self.missing = missing
@@ -70,23 +65,20 @@ def run_node(
     on_error: Callable[[AnyNode, Exception], None] | None = None,
     finish: Callable[[AnyNode], str] | None = None,
 ) -> int:
-    """Make a node and spin it until SIGINT, SIGTERM, its own end, or a fault.
+    """Run a node until SIGINT, SIGTERM, its own end, or a fault; returns the exit code.
+
+    That is 0, or 1 after one line on the fault.
 
     Args:
         name: name of the node in the log before it exists.
-        make_node: the class of the node; may raise an :class:`AnnikError` for a fault of the
-            set-up.
+        make_node: may raise an :class:`AnnikError` for a fault of the set-up.
         parameters: the dataclass of its parameters, for ``--help``.
-        args: the command line with the program before it; None means that of the process.
-        finished: the future of the node that is done when its work is, with the exit code or
-            None; None: never.
+        args: the command line with the program before it; None: that of the process.
+        finished: the future that is done when the node's work is, with the exit code or None.
         executor: makes the executor.
         on_error: receives the error of a callback, after which the node continues; None: it ends.
         finish: what is done at the end in any case; returns a line for the log. May raise an
             :class:`AnnikError`.
-
-    Returns:
-        The exit code: 0, or 1 after one line on the fault.
     """
     END_SIGNALS.take(name)
     arguments = (sys.argv if args is None else args)[1:]
@@ -138,12 +130,7 @@ def spin(
 ) -> None:
     """Run callbacks until ``finished`` is done or the process is told to end.
 
-    Args:
-        node: the node.
-        executor: runs it.
-        finished: is done when the work of the node is.
-        on_error: receives the error of a callback, after which the node continues; None: it is
-            raised.
+    ``on_error`` receives the error of a callback, after which the node continues; None: it raises.
 
     Raises:
         AnnikError: from a callback, which ends the process on purpose.

@@ -17,9 +17,6 @@ class EndSignals:
     """The signals that end this process: in order where there is a node, otherwise at once.
 
     A signal that was ignored before, as a script's ``ik_node &`` ignores SIGINT, stays ignored.
-
-    Attributes:
-        received: the name of the first one, or None.
     """
 
     def __init__(self) -> None:

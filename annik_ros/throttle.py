@@ -7,14 +7,9 @@ import time
 
 
 class Throttle:
-    """Allows something once in a period.
-
-    The throttle of rclpy's logger looks its caller up in the source files each time, which takes
-    several times as long as solving a target.
-    """
+    """Allows something once in a period [s]; that of rclpy's logger takes longer than a solve."""
 
     def __init__(self, period: float) -> None:
-        """``period``: least time between two occurrences [s]."""
         self._period = period
         self._next = -math.inf
 

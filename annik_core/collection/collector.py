@@ -1,8 +1,4 @@
-"""Collection of measured examples: the next command, and which measurements are kept.
-
-Without ROS, clock or messages: the collector receives measurements with their times, and returns
-commands.
-"""
+"""Collection of measured examples: the next command, and which measurements are kept. No ROS."""
 
 from __future__ import annotations
 
@@ -39,7 +35,6 @@ class ExampleQueue:
     """
 
     def __init__(self, rows: Sequence[int], max_retries: int, max_failures_in_a_row: int) -> None:
-        """Queue rows; see :class:`annik_core.collection.settings.CollectionSettings`."""
         self.missing: dict[int, str] = {}
         self.skipped: dict[int, str] = {}
         self.failures = 0
@@ -102,7 +97,6 @@ class MeasuredJoints(NamedTuple):
 
     Attributes:
         time: of the oldest of them, on the clock of the caller [s].
-        joint_positions: ``(dof,)`` [rad or m].
     """
 
     time: float
@@ -136,16 +130,10 @@ class _Visit:
     """The visit to one example.
 
     Attributes:
-        row: of the plan.
         target: ``(dof,)`` [rad or m]; of continuous joints full turns from the plan's.
-        motion: to the target.
         motion_time: time in the motion up to the last command [s].
         held_back: delay of the motion by the lag of the robot [s].
-        settling: whether the robot stands still there.
-        deadline: of the phase [s].
-        samples: measured poses ``(7,)``.
         joint_positions: measured together with them.
-        repeats: how many measurements were refused.
     """
 
     row: int
@@ -163,17 +151,10 @@ class _Visit:
 class Collector:
     """Moves to each example, waits until the robot stands still, and measures.
 
-    Times are those of one monotonic clock [s].
-
-    Attributes:
-        phase: present activity.
-        journal: the measured examples.
-        queue: the remaining and failed examples.
-        repeated: how many measurements were refused.
+    Times are those of one monotonic clock [s]. ``repeated`` counts the refused measurements.
     """
 
     def __init__(self, journal: CollectionJournal, settings: CollectionSettings, log: Log) -> None:
-        """Prepare to continue where the journal ends; :meth:`begin` starts."""
         self.journal = journal
         self.phase = Phase.WAITING
         self.repeated = 0
@@ -230,15 +211,10 @@ class Collector:
     def tick(
         self, now: float, measured: MeasuredJoints | None, fault: str | None = None
     ) -> FloatArray:
-        """The next command: joint positions ``(dof,)`` [rad or m].
+        """The next command: joint positions ``(dof,)`` [rad or m], the last one to stand still.
 
-        To be called at the command rate. The last command is repeated while the robot is to
-        stand still.
-
-        Args:
-            now: the time.
-            measured: the newest joint positions, if there are any.
-            fault: why there are none, as the end of a sentence, if joint states arrive.
+        To be called at the command rate with the newest joint positions. If there are none
+        although messages arrive, ``fault`` says why, as the end of a sentence.
 
         Raises:
             CollectionStopped: if joint states are missing, jump, or are far from the command; or
@@ -370,10 +346,7 @@ class Collector:
             visit.deadline = now + self._settings.settle_timeout
 
     def _pace(self) -> float:
-        """The fraction of its speed that a motion has, by the lag of the measured positions.
-
-        It is 0 shortly before max_measured_step, so that only a fault exceeds the limit.
-        """
+        """The fraction of its speed at the present lag; 0 shortly before max_measured_step."""
         if self._measured is None:
             return 0.0
         lag = float(
@@ -383,14 +356,12 @@ class Collector:
         return min(max((_NO_PACE - share) / (_NO_PACE - _FULL_PACE), 0.0), 1.0)
 
     def _measure(self, visit: _Visit, now: float) -> None:
-        """Begin to measure."""
         self.phase = Phase.MEASURING
         visit.deadline = now + self._settings.pose_timeout
         visit.samples = []
         visit.joint_positions = []
 
     def _judge(self, visit: _Visit, now: float) -> None:
-        """Accept or refuse a measurement."""
         average = average_poses(visit.samples)
         plan = self.journal.plan.joint_positions[visit.row]
         nominal = self._robot.forward_kinematics.poses(plan[np.newaxis])[0]

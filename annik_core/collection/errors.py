@@ -10,14 +10,7 @@ from annik_core.errors import AnnikError
 
 
 class JournalMismatch(AnnikError):
-    """A journal belongs to another plan or robot, or to another number of samples.
-
-    Attributes:
-        path: of the journal.
-        what: what differs.
-        journal: its value in the journal.
-        given: its value now.
-    """
+    """A journal belongs to another plan or robot, or to another number of samples."""
 
     def __init__(self, path: Path, what: str, journal: object, given: object) -> None:
         self.path = path
@@ -42,12 +35,7 @@ class StopCause(Enum):
 
 
 class CollectionStopped(AnnikError):
-    """The robot or the set-up is at fault, so that no more commands are published.
-
-    Attributes:
-        cause: kind of the fault.
-        reason: the fault in words, with the values.
-    """
+    """The robot or the set-up is at fault, so that no more commands are published."""
 
     def __init__(self, cause: StopCause, reason: str) -> None:
         self.cause = cause

@@ -1,8 +1,7 @@
 """The journal of a collection: an append-only log of the measured examples.
 
-The first record identifies the plan and the robot by their hashes, and has the number of samples
-and the order of the examples. Every other record is a measured example. For the file and its lock
-see :class:`annik_core.append_log.AppendLog`.
+The first record identifies plan and robot by their hashes, and has the number of samples and the
+order of the examples. Every other record is a measured example.
 """
 
 from __future__ import annotations
@@ -34,7 +33,6 @@ class MeasuredExample:
     """The measurement of one row of the plan.
 
     Attributes:
-        row: index of the row.
         pose: ``(7,)`` mean pose: x, y, z [m], unit quaternion x, y, z, w, in the base frame.
         square_sums: sums of squares of the samples' distances [m^2] and angles [rad^2] from it.
         joint_positions: ``(dof,)`` measured there [rad or m]; the plan has the commanded ones.
@@ -52,12 +50,7 @@ def journal_path(dataset: Path) -> Path:
 
 
 def open_journal(dataset: Path, plan: Dataset, samples: int) -> CollectionJournal:
-    """Open the journal of a dataset that is measured in part, or not yet.
-
-    Args:
-        dataset: path of the dataset; the journal is beside it.
-        plan: the joint positions to measure at.
-        samples: how many measured poses are averaged for an example.
+    """Open the journal beside a dataset that is measured in part, or not yet.
 
     Raises:
         NotWritable: if the dataset exists without a journal, so that it is another one.
@@ -77,19 +70,11 @@ class CollectionJournal:
     """The journal of a plan, locked for this process alone. Use as a context manager, or close.
 
     Attributes:
-        path: the file.
-        plan: the joint positions to measure at.
         order: the rows of the plan in the order to visit them; None before :meth:`begin`.
-        examples: the measured examples by row.
     """
 
     def __init__(self, path: Path, plan: Dataset, samples: int) -> None:
-        """Open the journal; create it if it is missing.
-
-        Args:
-            path: the file.
-            plan: the joint positions to measure at.
-            samples: how many measured poses are averaged for an example.
+        """Open the journal of a plan; create it if it is missing.
 
         Raises:
             InUse: if another process has it open.
@@ -118,7 +103,6 @@ class CollectionJournal:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close and unlock the file."""
         self.close()
 
     def close(self) -> None:
@@ -198,7 +182,6 @@ class CollectionJournal:
 
     @property
     def _identity(self) -> dict[str, Any]:
-        """What must be the same in every run."""
         return {
             "format_version": FORMAT_VERSION,
             "plan_sha256": self.plan.content_hash,

@@ -18,14 +18,7 @@ class Settling:
     def __init__(
         self, target: FloatArray, tolerance: float, stillness: float, time: float
     ) -> None:
-        """Start.
-
-        Args:
-            target: ``(dof,)`` [rad or m].
-            tolerance: largest distance of a joint from the target [rad or m].
-            stillness: largest motion of a joint that counts as standing still [rad or m].
-            time: how long it must stand still [s].
-        """
+        """Start; in [rad or m], and the time that the robot must stand still in [s]."""
         self._target = target
         self._tolerance = tolerance
         self._stillness = stillness
@@ -77,7 +70,6 @@ class PoseAverage:
 
     Attributes:
         pose: ``(7,)`` mean position [m] and mean orientation, a unit quaternion x, y, z, w.
-        samples: number of samples.
         square_sums: sums of squares of the samples' distances [m^2] and angles [rad^2] from it.
         spread: largest distance [m] and angle [rad] of a sample from it.
         outlier: index of a sample that is far from the others, or None.
@@ -132,13 +124,7 @@ def _outlier(*coordinates: FloatArray) -> int | None:
 def measurement_fault(
     average: PoseAverage, nominal: FloatArray, settings: CollectionSettings
 ) -> str | None:
-    """Why a measurement must be repeated, or None.
-
-    Args:
-        average: the measurement.
-        nominal: pose ``(7,)`` by the nominal forward kinematics.
-        settings: the limits.
-    """
+    """Why a measurement must be repeated, or None; ``nominal`` is the pose by the kinematics."""
     if average.outlier is not None:
         return (
             f"sample {average.outlier + 1} of {average.samples} is far from the others: the "
@@ -169,12 +155,7 @@ def _in_words(distance: float, angle: float) -> str:
 def noise_of_averages(
     averages: Sequence[tuple[int, tuple[float, float]]],
 ) -> tuple[float, float] | None:
-    """Standard deviations of averaged poses, from the scatter of their samples.
-
-    Pooled over all averages, so that a few samples of each are enough.
-
-    Args:
-        averages: number of samples and ``square_sums`` of each; all with the same number.
+    """Standard deviations of averaged poses, pooled over ``square_sums`` of all averages.
 
     Returns:
         Of each coordinate of the position [m], and of the orientation as a rotation vector

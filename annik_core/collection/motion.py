@@ -28,13 +28,7 @@ class JointMotion:
     def __init__(
         self, waypoints: FloatArray, max_velocity: float, max_acceleration: float
     ) -> None:
-        """Plan the motion.
-
-        Args:
-            waypoints: ``(m, dof)``, at least one [rad or m].
-            max_velocity: of any joint, more than 0 [rad/s or m/s].
-            max_acceleration: of any joint, more than 0 [rad/s^2 or m/s^2].
-        """
+        """Plan the motion; limits of any joint above 0 [rad/s or m/s], [rad/s^2 or m/s^2]."""
         self.waypoints = waypoints
         self._lines = [
             _Line(start, end, max_velocity, max_acceleration)
@@ -61,8 +55,6 @@ class JointMotion:
 
 
 class _Line:
-    """One straight line in joint space."""
-
     def __init__(
         self, start: FloatArray, end: FloatArray, max_velocity: float, max_acceleration: float
     ) -> None:
@@ -125,13 +117,7 @@ def approach(
     """The straight line to the target; if that is not allowed, through the joint box's centre.
 
     Continuous joints go the shorter way around: the path may end some full turns from ``target``.
-
-    Args:
-        robot: has the joint limits and the forward kinematics.
-        safety: has the workspace box.
-        start: ``(dof,)`` [rad or m].
-        target: ``(dof,)`` [rad or m].
-        spacing: largest motion of a joint between two checked points [rad or m].
+    A joint moves by at most ``spacing`` [rad or m] between two checked points.
     """
     near = robot.unwrapped(target, start)
     violation = _path_violation(robot, safety, start, near, spacing)

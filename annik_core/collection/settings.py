@@ -166,7 +166,6 @@ class CollectionSettings:
     )
 
     def __post_init__(self) -> None:
-        """Refuse settings that are out of range or contradict each other."""
         check_settings(self)
         if not self.settle_timeout > self.settle_time:
             raise InvalidValue(

@@ -16,18 +16,11 @@ _ROUNDING = 1e-12
 def visiting_order(
     start: FloatArray, joint_positions: FloatArray, turning: Sequence[int] = ()
 ) -> tuple[int, ...]:
-    """A short path from ``start`` through all joint positions.
+    """Rows of joint positions ``(n, dof)`` in the order of a short path from ``start``.
 
     Nearest neighbours, improved by 2-opt; never longer than the given order. The distance of two
-    joint positions is that of the joint that moves furthest. Deterministic.
-
-    Args:
-        start: ``(dof,)`` present joint positions [rad or m].
-        joint_positions: ``(n, dof)`` [rad or m].
-        turning: indices of continuous joints, which go the shorter way around.
-
-    Returns:
-        The rows in the order to visit them.
+    joint positions is that of the joint that moves furthest; continuous joints, those with indices
+    in ``turning``, go the shorter way around. Deterministic.
     """
     if len(joint_positions) == 0:
         return ()

@@ -61,11 +61,6 @@ class Model:
     """A checked model file, ready to run.
 
     Attributes:
-        path: where it was read from.
-        sha256: of the file.
-        metadata: what it says of itself.
-        robot: the robot that it carries.
-        session: the whole graph.
         after_features: the part of the graph after the encoding, for one pose; None where plain
             floats do not compute that encoding.
     """
@@ -135,15 +130,11 @@ def model_path(name_or_path: str | Path) -> Path:
 
 
 def load_model(path: str | Path, expected_robot: Robot | None = None) -> Model:
-    """Read a model file and check all of it.
-
-    Args:
-        path: the ``.onnx`` file, or the name of a packaged model.
-        expected_robot: if given, the robot that the file must be for, as described or calibrated.
+    """Read a model file, or a packaged model by its name, and check all of it.
 
     Raises:
         ModelError: if the file can't be used; the classes are in :mod:`annik_core.model.errors`.
-        RobotMismatch: if the file is for another robot than expected.
+        RobotMismatch: if the file is for another robot than expected, as described or calibrated.
         MissingDependency: if the robot is an arm and Pinocchio is not installed.
     """
     file = model_path(path)
@@ -172,8 +163,7 @@ def read_model_file(path: Path) -> bytes:
 
     Raises:
         ModelNotFound: if there is no such file.
-        UnreadableModel: if it can't be read, is no regular file, or is larger than
-            :data:`MAX_FILE_SIZE`.
+        UnreadableModel: if it can't be read, is no regular file, or is too large.
     """
     try:
         return read_regular_file(path, MAX_FILE_SIZE)
@@ -240,10 +230,7 @@ def _open_dimensions(shape: list[Any]) -> list[Any]:
 
 
 def _check_references(model: Model) -> None:
-    """Compare with the reference answers: in a batch, one at a time, and bound to memory.
-
-    A graph may be right for one number of poses only.
-    """
+    """Compare with the reference answers: in a batch, one at a time, and bound to memory."""
     poses = _references(model)
     in_batch = model.joint_positions(poses)
     alone = np.concatenate([model.joint_positions(pose[np.newaxis]) for pose in poses])

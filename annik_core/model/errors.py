@@ -9,12 +9,7 @@ from annik_core.errors import AnnikError
 
 
 class ModelError(AnnikError):
-    """A model file can't be used.
-
-    Attributes:
-        path: the file.
-        problem: what is wrong with it.
-    """
+    """A model file can't be used."""
 
     def __init__(
         self, path: Path, problem: str, remedy: str = "make the file again with 'annik train'"
@@ -49,8 +44,6 @@ class UnsupportedFormat(ModelError):
     """The file is of another format version.
 
     Attributes:
-        found: its version.
-        supported: the versions that this annik reads.
         convertible: whether ``annik convert`` makes a readable file of it.
     """
 

@@ -96,12 +96,7 @@ def graph_properties(model: onnx.ModelProto, path: Path) -> dict[str, str]:
 
 
 def nodes_after(features: str, model: onnx.ModelProto, path: Path) -> list[onnx.NodeProto]:
-    """The nodes of a graph from one tensor to the output, in order.
-
-    Args:
-        features: name of the tensor.
-        model: a graph that onnxruntime accepts.
-        path: of the file, for errors.
+    """The nodes of an accepted graph from the tensor ``features`` to the output, in order.
 
     Raises:
         InvalidMetadata: if the output is not a function of that tensor alone.

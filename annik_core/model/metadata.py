@@ -30,26 +30,14 @@ class ModelMetadata:
     """Metadata of a model file.
 
     Attributes:
-        format_version: version of the file format.
         package_version: the annik that trained the network.
         robot: the whole robot definition, as plain data.
-        robot_hash: SHA-256 of it.
         joint_names: joints in the order of the output's columns.
-        base_frame: frame of the input poses.
-        end_effector_frame: the frame whose pose it is.
         joint_box_lower: ``dof`` numbers, range of the examples [rad or m].
-        joint_box_upper: likewise.
-        encoding: name of the pose encoding in the graph.
         features: name of the tensor in which the encoding ends.
-        hidden_units: sizes of the hidden layers.
-        design: name of the design of experiments.
-        design_options: its options.
         examples: number of distinct examples, with held-out ones and second solutions.
         held_out_examples: how many of them only chose the winner among the restarts.
-        dataset_hash: SHA-256 of the examples.
-        seed: of all random numbers.
         winning_restart: the restart that gave the network.
-        fit_options: every option of the fit.
         evaluation: percentiles of the network's errors on fresh random poses.
         reference_poses: ``(k, 7)`` poses to prove a loaded file with.
         reference_joint_positions: ``(k, dof)`` the trained network's joint positions for them.

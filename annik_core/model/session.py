@@ -26,11 +26,7 @@ _SIX_DOUBLES = struct.Struct("6d").pack
 
 
 def make_session(content: bytes, path: Path) -> onnxruntime.InferenceSession:
-    """An onnxruntime session that neither spins nor starts threads.
-
-    Args:
-        content: the bytes of an ONNX file.
-        path: of the file, for errors.
+    """An onnxruntime session that neither spins nor starts threads; ``path`` is for errors.
 
     Raises:
         UnreadableModel: if onnxruntime refuses the graph.
@@ -64,13 +60,7 @@ class BoundSession:
     def __init__(
         self, session: onnxruntime.InferenceSession, names: tuple[str, str], sizes: tuple[int, int]
     ) -> None:
-        """Bind.
-
-        Args:
-            session: what is run.
-            names: of its input and its output.
-            sizes: numbers in a row of each.
-        """
+        """Bind input and output, by their names and their numbers in a row."""
         self._session = session
         self._input, self._output = (np.zeros((1, size)) for size in sizes)
         self._output_row = self._output[0]
@@ -93,11 +83,7 @@ class BoundSession:
 
 
 def pose_features(pose: FloatArray) -> bytes | None:
-    """x, y, z [m], roll, pitch, yaw [rad], as float64; None if the graph is more accurate.
-
-    Args:
-        pose: ``(7,)`` checked.
-    """
+    """x, y, z [m], roll, pitch, yaw [rad], as float64; None if the graph is more accurate."""
     x, y, z, *quaternion = pose.tolist()
     roll, pitch, yaw = roll_pitch_yaw(quaternion)
     return _SIX_DOUBLES(x, y, z, roll, pitch, yaw) if abs(pitch) < _ACCURATE_PITCH else None

@@ -39,7 +39,6 @@ MAX_JOINTS = 32
 
 
 def _pinocchio() -> Any:
-    """Import Pinocchio, which only arms need."""
     try:
         import pinocchio
     except ImportError as error:
@@ -58,8 +57,6 @@ class ArmKinematics(ForwardKinematics):
     Not thread-safe: Pinocchio computes in memory of this object.
 
     Attributes:
-        joint_names: the joints, from the base on.
-        urdf: the chain as URDF text.
         end_effector_frame: the link whose pose is meant; the base frame is the root of the chain.
         placements: as of :class:`annik_core.robots.corrections.ArmCorrections`, or None.
     """
@@ -223,18 +220,13 @@ class ArmWorkspace:
 
 
 def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
-    """The arm that a definition describes.
+    """The arm that a definition describes; its own definition has the chain alone as URDF.
 
-    Args:
-        definition: ``urdf``, the text; and optionally ``name``, ``base_frame`` and
-            ``end_effector_frame`` (see :func:`serial_chain`), ``joint_box``, [lower, upper] of
-            joints by name [rad or m], by default a joint's limits, or, where they are wider, the
-            full turn in their middle; and ``corrections``, see
-            :class:`annik_core.robots.corrections.ArmCorrections`.
-        source: what to call the definition in an error.
-
-    Returns:
-        The robot, whose own definition has the chain alone as URDF, and every optional entry.
+    Besides ``urdf``, the text, a definition may have ``name``, ``base_frame`` and
+    ``end_effector_frame`` (see :func:`serial_chain`), ``corrections`` (see
+    :class:`annik_core.robots.corrections.ArmCorrections`), and ``joint_box``, [lower, upper] of
+    joints by name [rad or m], by default a joint's limits, or, where they are wider, the full turn
+    in their middle. Errors call the definition ``source``.
 
     Raises:
         InvalidRobotDefinition: naming what is missing or wrong.
@@ -320,7 +312,6 @@ def _corrected(
     chain: SerialChain,
     box: JointLimits,
 ) -> ForwardKinematics:
-    """The kinematics with the corrections of joints and end effector."""
     corrected: ForwardKinematics = kinematics
     if corrections is not None and corrections.joint_networks is not None:
         corrected = JointCorrectedKinematics(corrected, corrections.joint_networks)

@@ -14,12 +14,7 @@ from annik_core.robots.robot import ForwardKinematics, Linearisation, unwrapped
 
 @dataclass(frozen=True, eq=False)
 class JointCorrectedKinematics(ForwardKinematics):
-    """Forward kinematics as a function of commanded instead of actual joint positions.
-
-    Attributes:
-        kinematics: of the actual joint positions.
-        correction: from the commanded to the actual ones.
-    """
+    """Forward kinematics as a function of commanded instead of actual joint positions."""
 
     kinematics: ForwardKinematics
     correction: JointCorrection
@@ -47,10 +42,6 @@ class PoseCorrectedKinematics(ForwardKinematics):
 
     The Jacobians are those without the motion, whose derivative is a thousand times smaller than
     the pose's: a refinement takes no more steps.
-
-    Attributes:
-        kinematics: without the motion.
-        network: the motion, as a function of the joint positions.
     """
 
     kinematics: ForwardKinematics
@@ -81,9 +72,7 @@ class WrappedKinematics(ForwardKinematics):
     Corrections are known in one turn only.
 
     Attributes:
-        kinematics: with corrections.
         centre: ``(dof,)`` middle of the turn that they are known in.
-        turning: indices of the continuous joints.
     """
 
     kinematics: ForwardKinematics

@@ -22,12 +22,7 @@ _LENGTHS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 def checked_name(value: object, what: str, source: str) -> str:
-    """Check a name or a frame of a definition.
-
-    Args:
-        value: as read.
-        what: what to call the entry in an error.
-        source: what to call the definition in an error.
+    """A name or a frame of a definition; errors call the entry ``what``.
 
     Raises:
         InvalidRobotDefinition: if it is not text, is blank, or can't be printed.
@@ -38,12 +33,7 @@ def checked_name(value: object, what: str, source: str) -> str:
 
 
 def checked_numbers(value: object, what: str, source: str) -> FloatArray:
-    """Convert a number of a definition, or nested lists of numbers, to an array.
-
-    Args:
-        value: as read.
-        what: what to call the entry in an error.
-        source: what to call the definition in an error.
+    """A number of a definition, or nested lists of numbers, as an array.
 
     Raises:
         InvalidRobotDefinition: if it holds anything else, its rows differ in length, or a number
@@ -60,13 +50,7 @@ def checked_numbers(value: object, what: str, source: str) -> FloatArray:
 def checked_interval(
     value: object, joint_type: str, joint: str, source: str
 ) -> tuple[float, float]:
-    """Check an interval of joint positions.
-
-    Args:
-        value: as read: two numbers [rad or m], or texts with a unit, such as 90deg or 150mm.
-        joint_type: of the joint.
-        joint: its name.
-        source: what to call the definition in an error.
+    """Two numbers [rad or m], or texts with a unit, such as 90deg or 150mm.
 
     Raises:
         InvalidRobotDefinition: if it is anything else, or not finite, or empty.
@@ -142,21 +126,13 @@ def checked_arrays(
 
 
 def check_shape(array: FloatArray, shape: tuple[int, ...], what: str, source: str) -> None:
-    """Refuse an array of another shape.
-
-    Raises:
-        InvalidRobotDefinition: naming both.
-    """
+    """Refuse an array of another shape."""
     if array.shape != shape:
         raise InvalidRobotDefinition(source, f"{what} has shape {array.shape}, not {shape}")
 
 
 def check_positive(array: FloatArray, what: str, source: str) -> None:
-    """Refuse numbers below the least divisor.
-
-    Raises:
-        InvalidRobotDefinition: naming the entry.
-    """
+    """Refuse numbers below the least divisor."""
     if not (array > 0.0).all():
         raise InvalidRobotDefinition(source, f"{what} is not positive")
     if not (array >= _SMALLEST).all():

@@ -60,7 +60,6 @@ class GantryKinematics(ForwardKinematics):
     """Forward and inverse kinematics of the gantry, eq. (1)-(4).
 
     Attributes:
-        joint_names: the six drives, in the order of :data:`TASK_COORDINATES`.
         ratio: ``(6,)`` task coordinate per drive angle; [m/rad] and [rad/rad].
         offset: ``(6,)`` task coordinates at drive angle zero; [m] and [rad].
     """
@@ -124,9 +123,7 @@ class GantryWorkspace:
     """The box of task coordinates that the joint box reaches.
 
     Attributes:
-        kinematics: the gantry's.
         lower: ``(6,)`` least x, y, z [m], roll, pitch, yaw [rad].
-        upper: ``(6,)`` greatest.
     """
 
     kinematics: GantryKinematics
@@ -210,11 +207,9 @@ def _tilted_off_the_edge(
 def gantry_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     """The gantry that a definition describes.
 
-    Args:
-        definition: ``name``, ``base_frame``, ``end_effector_frame`` and ``joints``, a list of six
-            in the order of :data:`TASK_COORDINATES`, each with ``name``, ``limits``, ``box``
-            (pairs, drive angle [rad]), ``ratio`` and ``offset``.
-        source: what to call the definition in an error.
+    Its entries are ``name``, ``base_frame``, ``end_effector_frame`` and ``joints``, a list of six
+    in the order of :data:`TASK_COORDINATES`, each with ``name``, ``limits``, ``box`` (pairs, drive
+    angle [rad]), ``ratio`` and ``offset``. Errors call the definition ``source``.
 
     Raises:
         InvalidRobotDefinition: naming what is missing or wrong.

@@ -19,8 +19,6 @@ class JointLimits:
     """One closed interval per joint.
 
     Attributes:
-        joint_names: the joints, in the order of the columns.
-        lower: ``(dof,)`` [rad or m].
         upper: ``(dof,)`` [rad or m], at least ``lower``. Equal bounds lock a joint.
     """
 

@@ -52,7 +52,6 @@ class GeometricError:
 
     Attributes:
         name: the kind in words, with the joint's name.
-        kind: see :class:`ErrorKind`.
         place: 0: before the first joint, in the base frame; i: after the i-th joint, in its frame.
         is_rotation: whether it is a rotation [rad] or a translation [m].
         direction: ``(3,)`` unit vector.
@@ -92,12 +91,9 @@ def geometric_errors(kinematics: ArmKinematics) -> tuple[GeometricError, ...]:
 def placements_of(
     errors: Sequence[GeometricError], amounts: Sequence[float] | FloatArray, dof: int
 ) -> FloatArray:
-    """The motions ``(dof + 1, 7)`` of :class:`annik_core.robots.corrections.ArmCorrections`.
+    """The motions ``(dof + 1, 7)`` of errors, in their order, by amounts [rad or m].
 
-    Args:
-        errors: in the order in which they act.
-        amounts: how large each is [rad or m].
-        dof: number of joints.
+    See :class:`annik_core.robots.corrections.ArmCorrections`.
     """
     from scipy.spatial.transform import Rotation
 

@@ -144,10 +144,8 @@ def _unreadable(
 def robot_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
     """The robot that a definition describes, such as the one inside a model file.
 
-    Args:
-        definition: a mapping of JSON data, with ``kind`` and the entries of that kind. The robot
-            keeps a copy.
-        source: what to call the definition in an error.
+    The definition is a mapping of JSON data, with ``kind`` and the entries of that kind; the robot
+    keeps a copy. Errors call it ``source``.
 
     Raises:
         InvalidRobotDefinition: naming what is missing or wrong.

@@ -98,13 +98,7 @@ TURN_TOLERANCE = 1e-9
 def unwrapped(
     joint_positions: FloatArray, reference: FloatArray | float, turning: Sequence[int]
 ) -> FloatArray:
-    """The same place with some joints within half a turn of a reference.
-
-    Args:
-        joint_positions: ``(..., dof)`` [rad or m]; not changed.
-        reference: ``(dof,)``, of the same shape, or one angle for all.
-        turning: indices of these joints.
-    """
+    """Joint positions ``(..., dof)``, the joints ``turning`` within half a turn of a reference."""
     if not turning:
         return joint_positions
     away = (joint_positions - reference)[..., turning]
@@ -137,12 +131,7 @@ class Workspace(Protocol):
     """
 
     def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
-        """Check a target ``(7,)`` and make it unambiguous.
-
-        Args:
-            pose: a checked pose.
-            reference: what to stay close to where the pose leaves a choice; None: nothing.
-        """
+        """Check a target ``(7,)``; where it leaves a choice, resolve it close to ``reference``."""
         ...
 
     def reference(self, joint_positions: FloatArray) -> FloatArray:
@@ -155,19 +144,11 @@ class Robot:
     """A robot, as read from its definition. Lengths in metres, angles in radians.
 
     Attributes:
-        name: short name, such as ``gantry``.
-        kind: ``arm`` or ``gantry``.
-        joint_names: the joints, in the order of every joint-position array.
         joint_types: ``revolute``, ``continuous`` or ``prismatic``, one per joint. A continuous
             joint is at the same place after a full turn, whatever turns its position counts.
         joint_limits: limits of the joint positions; a command is never outside.
         joint_box: the part of them that the network is trained for and solutions are in, those of
             continuous joints after some full turns.
-        base_frame: the frame of every pose.
-        end_effector_frame: the frame whose pose is meant.
-        forward_kinematics: see :class:`ForwardKinematics`.
-        workspace: see :class:`Workspace`.
-        definition: the whole definition as JSON data; a model file carries it.
         error_bound: of a calibrated robot, how far it may be from these forward kinematics; None
             if unknown.
     """

@@ -26,17 +26,10 @@ class SerialChain:
     """A chain of joints from a base frame to an end effector.
 
     Attributes:
-        name: the robot's, as the URDF gives it.
         urdf: the chain alone, as URDF text that is the same for the same chain.
-        base_frame: its first link.
-        end_effector_frame: its last link.
-        joint_names: the moving joints, from the base on.
-        joint_types: ``revolute``, ``continuous`` or ``prismatic``, one per joint.
         lower: lower limits [rad or m]; for a continuous joint
             :data:`annik_core.robots.urdf_joint.CONTINUOUS_LIMIT`.
-        upper: upper limits.
         soft_lower: lower limits within the soft limits of ``<safety_controller>``.
-        soft_upper: upper limits likewise.
     """
 
     name: str
@@ -60,12 +53,8 @@ def serial_chain(
 ) -> SerialChain:
     """The chain between two links of a URDF, up the tree, down it, or both.
 
-    Args:
-        urdf: the text, such as the parameter ``robot_description`` has.
-        source: what to call it in an error.
-        base_frame: its first link; by default the root of the tree.
-        end_effector_frame: its last link; by default the tip below the base, if there is only one.
-        joint_box: intervals by joint name; the limits of joints that have none.
+    It begins by default at the root of the tree, and ends at the tip below, if there is only one.
+    Intervals of ``joint_box`` are the limits of joints that have none.
 
     Raises:
         InvalidRobotDefinition: if the text is not a URDF, or the chain can't be used; names the

@@ -38,11 +38,7 @@ class UrdfJoint:
     Attributes:
         name: as in the file, as all of these: empty where there is none.
         kind: its type; of an element like <drake:joint>, that.
-        parent: the link that it hangs on.
-        child: the link that hangs on it.
-        element: all of it.
         given: its interval in the joint box, or None.
-        source: what to call the URDF in an error.
     """
 
     name: str
@@ -57,13 +53,7 @@ class UrdfJoint:
     def read(
         cls, element: ElementTree.Element, joint_box: Mapping[str, object], source: str
     ) -> UrdfJoint:
-        """Read its name and its links, which may be missing.
-
-        Args:
-            element: the joint's.
-            joint_box: intervals by joint name; see :meth:`limits`.
-            source: what to call the URDF in an error.
-        """
+        """Read its name and its links, which may be missing."""
         links = (element.find(tag) for tag in ("parent", "child"))
         parent, child = ("" if link is None else link.get("link", "") for link in links)
         # Other formats have their own joints, such as <drake:joint>.

@@ -72,10 +72,6 @@ def decoded(content: bytes) -> str:
 def parsed(text: str, source: str) -> ElementTree.Element:
     """The element ``<robot>`` of a URDF. Prefixes stay in the names, xacro's as ``xacro:``.
 
-    Args:
-        text: of the URDF; an encoding that it declares means nothing any more.
-        source: what to call it in an error.
-
     Raises:
         InvalidRobotDefinition: if it is not XML, is too long, declares entities, or is no URDF.
     """

@@ -31,7 +31,6 @@ class UrdfTree:
         joints: those that join two links.
         names: how many joints have each name.
         loose: what could be part of the tree and is not understood, as text.
-        source: what to call the URDF in an error.
     """
 
     links: Counter[str]
@@ -45,11 +44,6 @@ class UrdfTree:
         cls, root: ElementTree.Element, joint_box: Mapping[str, object], source: str
     ) -> UrdfTree:
         """Read the links and joints of a URDF, of which any may be off the chain.
-
-        Args:
-            root: its ``<robot>``.
-            joint_box: intervals by joint name.
-            source: what to call it in an error.
 
         Raises:
             InvalidRobotDefinition: if it has no links.

@@ -56,14 +56,7 @@ class IkServer:
         measure: Callable[[], Measurement] = Measurement,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """Serve with ``solver``.
-
-        Args:
-            solver: see the attribute.
-            safety: see the attribute; by default :class:`CommandSafety`'s defaults.
-            measure: where the robot is now.
-            clock: measures time [s] and never goes back.
-        """
+        """Serve with ``solver``, times [s] by ``clock``, which never goes back."""
         self.solver = solver
         self.safety = safety or CommandSafety()
         self._measure = measure
@@ -73,17 +66,14 @@ class IkServer:
         self._statistics = SolveStatistics(clock())
 
     def solve(self, pose: Numbers, frame_id: str = "", age: float | None = None) -> IkResult:
-        """Solve one target, and count it.
+        """Solve one target ``(7,)``, unchecked, and count it.
 
         Args:
-            pose: ``(7,)`` x, y, z [m], quaternion x, y, z, w, unchecked.
+            pose: x, y, z [m], quaternion x, y, z, w.
             frame_id: the frame that the pose is given in; empty means the base frame. A leading
                 ``/`` is part of the name, as everywhere in ROS 2, and so is refused.
             age: how old the target is [s], negative for one from the future; None if it has no
                 stamp.
-
-        Returns:
-            The solution or the refusal. Only the former carries joint positions.
         """
         now = self._clock()
         refusal = self._check_header(frame_id, age)
@@ -104,15 +94,15 @@ class IkServer:
         frame_id: str = "",
         age: float | None = None,
     ) -> PathResult:
-        """Solve a path of targets as one, and count it as one.
+        """Solve a path of targets ``(n, 7)``, unchecked, as one, and count it as one.
 
         Every pose is checked as a single target is, from the one before it. The path begins at the
         last command.
 
         Args:
-            poses: ``(n, 7)`` unchecked.
+            poses: one or more, at most ``max_poses``, which bounds the time.
             interval: time between two poses, and from the last command to the first [s].
-            max_poses: longest path that is accepted, which bounds the time.
+            max_poses: see above.
             frame_id: as for :meth:`solve`.
             age: as for :meth:`solve`.
         """
@@ -159,7 +149,6 @@ class IkServer:
     def _follow(
         self, poses: FloatArray, interval: float, max_poses: int, frame_id: str, age: float | None
     ) -> list[IkResult] | IkResult:
-        """The solutions of a path, or its refusal."""
         refusal = self._check_header(frame_id, age) or check_path_length(len(poses), max_poses)
         if refusal is not None:
             return IkResult.refused(refusal)

@@ -29,7 +29,6 @@ class MeasuredPositions(NamedTuple):
 
     Attributes:
         arrival: when the oldest of them arrived [s, monotonic clock].
-        joint_positions: ``(dof,)`` [rad or m].
     """
 
     arrival: float
@@ -43,11 +42,8 @@ class MeasuredJoints:
     and joints of other devices. What can't be used is counted, and changes nothing.
 
     Attributes:
-        timeout: how long a position counts [s].
         received: number of messages, usable or not.
         foreign: number of messages that name none of the joints.
-        faults: number of messages with each fault.
-        last_fault: what was wrong with the latest of them.
     """
 
     def __init__(self, joint_names: Sequence[str], timeout: float) -> None:
@@ -66,17 +62,10 @@ class MeasuredJoints:
     def update(
         self, arrival: float, names: Sequence[str], positions: Sequence[float]
     ) -> JointStateFault | None:
-        """Take over the positions of one message.
+        """Take over the positions of one message, by name [rad or m]; returns what can't be used.
 
         A message without any position, such as one of velocities alone, is ignored.
-
-        Args:
-            arrival: when it arrived [s, monotonic clock].
-            names: its joints, in any order.
-            positions: one position per name [rad or m], or none.
-
-        Returns:
-            What can't be used of it, or None.
+        ``arrival``: on a monotonic clock [s].
         """
         self.received += 1
         self._last_arrival = arrival
@@ -112,11 +101,7 @@ class MeasuredJoints:
         return self._at_fault(JointStateFault.MALFORMED, problem)
 
     def newest(self, now: float) -> MeasuredPositions | None:
-        """The position of every joint, or None if one is unknown or older than the timeout.
-
-        Args:
-            now: time [s, monotonic clock].
-        """
+        """The position of every joint; None if one is unknown or older than the timeout."""
         oldest = min(self._arrivals)
         if not now - oldest <= self.timeout:
             return None

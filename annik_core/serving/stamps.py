@@ -10,14 +10,9 @@ LAST_STAMP = 2**31 * 1_000_000_000 - 1
 
 
 class UniqueStamps:
-    """Strictly increasing stamps that follow a clock.
-
-    Messages are paired by stamp, so two commands must never share one, even if the clock is coarse
-    or set back, as simulated time is on a restart.
-    """
+    """Strictly increasing stamps that follow a clock, even one that is coarse or set back."""
 
     def __init__(self) -> None:
-        """Start without a last stamp."""
         self._last: int | None = None
 
     def next(self, now: int) -> int:
@@ -48,12 +43,10 @@ class StampPairing(Generic[First, Second]):
     memory stays bounded. A second item of the same kind and stamp replaces the first one.
 
     Attributes:
-        capacity: most items of each kind that wait.
         given_up: number of items that left without a partner, replaced ones included.
     """
 
     def __init__(self, capacity: int = DEFAULT_CAPACITY) -> None:
-        """Start with nothing waiting; ``capacity`` is at least 1."""
         self.capacity = max(1, capacity)
         self.given_up = 0
         self._first: OrderedDict[int, First] = OrderedDict()

@@ -17,10 +17,8 @@ class OutcomeSummary:
     """Counts since the start, and those of the last period.
 
     Attributes:
-        received: ``accepted + refused``, exactly.
         refused_by_reason: in the order of first occurrence.
         rate: received per second in the last period [Hz]; 0 if it had no duration.
-        last_refusal: the latest reason, in one line; empty if nothing was refused.
     """
 
     received: int
@@ -37,7 +35,6 @@ class OutcomeCounts:
     """Counts outcomes: each item received is recorded once, as accepted or as refused."""
 
     def __init__(self, now: float) -> None:
-        """Start counting, and the first period, at ``now`` [s] of a clock that never goes back."""
         self._accepted = 0
         self._refused: Counter[str] = Counter()
         self._last_refusal = ""
@@ -94,8 +91,6 @@ class SolveSummary:
     """Counts of the targets, and times of the latest ones.
 
     Attributes:
-        outcomes: counts of the targets.
-        solve_time: time to solve a target [s].
         latency: time from the arrival of an accepted target to its command [s].
         expected_error: expected position errors of the latest accepted ones [m]; NaN if unknown.
     """
@@ -110,12 +105,6 @@ class SolveStatistics:
     """Records the results of a solver."""
 
     def __init__(self, now: float, window: int = WINDOW) -> None:
-        """Start counting at ``now`` [s] of a clock that never goes back.
-
-        Args:
-            now: start of the first period [s].
-            window: number of latest values to keep; at least 1.
-        """
         self._outcomes = OutcomeCounts(now)
         self._solve_times: deque[float] = deque(maxlen=max(1, window))
         self._latencies: deque[float] = deque(maxlen=max(1, window))

@@ -11,12 +11,7 @@ from annik_core.pose import FloatArray, single_pose_difference
 
 @dataclass(frozen=True, eq=False)
 class TrackingError:
-    """Target minus achieved, in the base frame.
-
-    Attributes:
-        position: ``(3,)`` [m].
-        orientation: ``(3,)`` rotation vector from the achieved orientation to the target's [rad].
-    """
+    """Target minus achieved, ``(3,)`` each in the base frame: [m], and a rotation vector [rad]."""
 
     position: FloatArray
     orientation: FloatArray

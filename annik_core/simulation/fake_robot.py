@@ -36,7 +36,6 @@ class FakeRobot:
     """Follows every valid command at once; exactly, or as an imperfect arm.
 
     Attributes:
-        robot: the robot as described, without imperfections.
         joint_positions: ``(dof,)`` of its drives [rad or m]; before the first command, the centre
             of the joint box.
     """
@@ -65,10 +64,7 @@ class FakeRobot:
         return pose
 
     def move_to(self, joint_positions: FloatArray) -> FloatArray:
-        """Move the drives to joint positions ``(dof,)`` [rad or m].
-
-        Returns:
-            The true pose ``(7,)`` of the end effector then, in the base frame.
+        """Move the drives to ``(dof,)`` joint positions [rad or m]; return the true pose ``(7,)``.
 
         Raises:
             CommandOutsideLimits: if a joint would leave its limits, or a position is NaN; the
@@ -87,14 +83,7 @@ class FakeRobot:
         return self.pose
 
     def measure(self, rng: np.random.Generator) -> FloatArray | None:
-        """Measure the end effector, as a tracker does.
-
-        Args:
-            rng: random generator of the noise.
-
-        Returns:
-            The measured pose ``(7,)`` in the base frame, or None if the measurement is lost.
-        """
+        """The pose ``(7,)`` as a tracker measures it; None if the measurement is lost."""
         if self._imperfections is None:
             return self.pose
         if rng.random() < self._imperfections.dropped:

@@ -52,12 +52,7 @@ class PeriodicTransmissionError(JointCorrection):
 
 
 class InvalidImperfections(AnnikError):
-    """Imperfections can't be read, have an unknown key, or do not fit the robot.
-
-    Attributes:
-        source: the file, or what else they come from.
-        problem: what is wrong.
-    """
+    """Imperfections can't be read, have an unknown key, or do not fit the robot."""
 
     def __init__(self, source: str, problem: str) -> None:
         self.source = source
@@ -101,7 +96,6 @@ class Imperfections:
 
     Attributes:
         joint_zero: see :data:`JOINT_ENTRIES`; this and all other arrays are ``(dof,)``.
-        transmission_amplitude: see :class:`PeriodicTransmissionError`.
 
     Raises:
         InvalidImperfections: if an array has another shape.
@@ -137,7 +131,6 @@ class Imperfections:
     )
 
     def __post_init__(self) -> None:
-        """Check all entries; the arrays become read-only copies."""
         dof = np.size(self.joint_zero)
         for name, entry in JOINT_ENTRIES.items():
             given = np.asarray(getattr(self, name))
@@ -182,11 +175,7 @@ class Imperfections:
 
 
 def check_arm(robot: Robot) -> None:
-    """Refuse a robot that is not an arm.
-
-    Raises:
-        InvalidImperfections: if it is not.
-    """
+    """Refuse a robot that is not an arm, as :class:`InvalidImperfections`."""
     if robot.kind != "arm":
         raise InvalidImperfections(
             f"of {robot.name}",
@@ -219,11 +208,7 @@ def check_fit(imperfections: Imperfections, robot: Robot, source: str) -> None:
 
 
 def imperfect_kinematics(robot: Robot, imperfections: Imperfections) -> ForwardKinematics:
-    """The forward kinematics of the real arm, without backlash.
-
-    Args:
-        robot: the arm as described. Corrections from a calibration have no effect.
-        imperfections: of the real arm.
+    """The forward kinematics of the real arm, without backlash or corrections of a calibration.
 
     Raises:
         InvalidImperfections: if they do not fit the robot.
@@ -249,13 +234,11 @@ def imperfect_kinematics(robot: Robot, imperfections: Imperfections) -> ForwardK
 
 
 def read_imperfections(path: str | Path, robot: Robot) -> Imperfections:
-    """The imperfections of an arm from a file, in metres and radians.
+    """The imperfections of an arm from a YAML file, in metres and radians.
 
-    Args:
-        path: a YAML file. ``joints`` maps names of joints to mappings with keys of
-            :data:`JOINT_ENTRIES`; beside it are ``position_noise``, ``orientation_noise``,
-            ``dropped`` and ``noise_seed`` of :class:`Imperfections`. Missing keys mean 0.
-        robot: the arm.
+    ``joints`` maps names of joints to mappings with keys of :data:`JOINT_ENTRIES`; beside it are
+    ``position_noise``, ``orientation_noise``, ``dropped`` and ``noise_seed`` of
+    :class:`Imperfections`. Missing keys mean 0.
 
     Raises:
         InvalidImperfections: if the file can't be read, an entry is wrong, or the robot is not
@@ -278,12 +261,7 @@ def read_imperfections(path: str | Path, robot: Robot) -> Imperfections:
 
 
 def imperfections_from_dict(data: Any, robot: Robot, source: str) -> Imperfections:
-    """The reverse of :meth:`Imperfections.to_dict`.
-
-    Args:
-        data: as read.
-        robot: the arm.
-        source: what to call the data in an error.
+    """The reverse of :meth:`Imperfections.to_dict`; errors call the data ``source``.
 
     Raises:
         InvalidImperfections: as :func:`read_imperfections`.
@@ -318,7 +296,6 @@ def _checked(entry: Setting, value: object, source: str) -> float:
 
 
 def _check_keys(data: object, what: str, known: Collection[str], source: str) -> None:
-    """Refuse what is no mapping, or has an unknown key."""
     names = ", ".join(known)
     if not isinstance(data, Mapping):
         raise InvalidImperfections(source, f"{what} is not a mapping; its keys are {names}")
@@ -392,7 +369,6 @@ class ImperfectionMagnitudes:
     )
 
     def __post_init__(self) -> None:
-        """Refuse magnitudes out of range."""
         check_settings(self)
 
 
@@ -403,14 +379,9 @@ def random_imperfections(
 
     Changing one magnitude leaves the random draws of the others as they are.
 
-    Args:
-        robot: the arm; the number and types of its joints count.
-        seed: from 0 to :data:`LARGEST_SEED`.
-        magnitudes: None: the defaults.
-
     Raises:
         InvalidImperfections: if the robot is not an arm.
-        InvalidValue: if the seed is out of range.
+        InvalidValue: if the seed is not from 0 to :data:`LARGEST_SEED`.
     """
     check_arm(robot)
     seed = Setting("seed", 0, "", minimum=0, maximum=LARGEST_SEED).checked(seed)

@@ -59,10 +59,6 @@ class IkSolver:
     returned; nothing is clamped. The first check that fails makes the result a refusal.
 
     Attributes:
-        artifact: the trained network and the robot that it is for.
-        limits: what a solution must satisfy.
-        mode: how a target is solved.
-        refinement_options: how far a solution is refined in refined mode.
         seed_from_previous: in refined mode, begin at the previous solution where its pose is
             nearer to the target than the network's. Then a solution depends on those before it.
     """
@@ -108,7 +104,7 @@ class IkSolver:
         previous: IkResult | ArrayLike | None = None,
         motion: Motion | None = None,
     ) -> IkResult:
-        """Joint positions that reach one pose.
+        """Joint positions that reach one pose, or a refusal; a bad target never raises.
 
         Args:
             pose: seven numbers in the robot's base frame: x, y, z [m], unit quaternion x, y, z, w.
@@ -118,9 +114,6 @@ class IkSolver:
                 are within half a turn of it; without it, of the middle of their box.
             motion: the motion of a running robot that this continues, if its checks are to run
                 too, as :class:`annik_core.serving.ik_server.IkServer` has them do.
-
-        Returns:
-            The solution or the refusal. Never raises for a bad target of seven numbers.
 
         Raises:
             WrongShape: if ``pose`` is not seven numbers, or ``previous`` not one per joint.

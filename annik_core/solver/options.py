@@ -33,7 +33,6 @@ class RefinementOptions:
     )
 
     def __post_init__(self) -> None:
-        """Refuse options out of range."""
         check_settings(self)
 
 
@@ -44,7 +43,6 @@ class RefinementResult(NamedTuple):
         joint_positions: ``(dof,)`` [rad or m], inside the box.
         position_residual: distance to the target at exactly these [m].
         orientation_residual: angle to the target's orientation [rad].
-        newton_steps: steps taken, all searches together.
         converged: whether both residuals are within the tolerance.
     """
 

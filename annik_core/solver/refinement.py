@@ -52,9 +52,7 @@ class Refinement:
     """Refines joint positions of one robot.
 
     Attributes:
-        kinematics: the robot's forward kinematics.
         box: the joint box; locked joints have equal bounds.
-        options: when it ends.
     """
 
     kinematics: ForwardKinematics
@@ -64,10 +62,7 @@ class Refinement:
     def refine(self, start: FloatArray, target: FloatArray) -> RefinementResult:
         """Search for joint positions that reach a target ``(7,)``, a checked pose.
 
-        Args:
-            start: ``(dof,)``, usually the network's solution; moved into the box first. If it is
-                not finite, no step is taken.
-            target: see above.
+        ``start`` is moved into the box first; if it is not finite, no step is taken.
         """
         begin = self._projected(start)
         result = self._search(begin, target, self.options.max_newton_steps)
@@ -159,12 +154,7 @@ class Refinement:
     ) -> FloatArray | None:
         """The step in which joints that would leave the box stop at their bounds.
 
-        Args:
-            jacobian: ``(6, free)``.
-            twist: ``(6,)`` the error.
-            damping: of the least squares.
-            positions: ``(dof,)`` before the step.
-            candidate: ``(dof,)`` after the step without the box; overwritten.
+        ``candidate`` ``(dof,)`` is the step without the box, and is overwritten.
         """
         lower, upper = self.box.lower, self.box.upper
         moving, columns = self.box.free, np.arange(len(self.box.free))

@@ -54,11 +54,5 @@ class IkResult:
         residuals: tuple[float, float] = UNKNOWN,
         newton_steps: int = 0,
     ) -> IkResult:
-        """A refusal; it carries no joint positions.
-
-        Args:
-            refusal: the check that failed.
-            residuals: distance [m] and angle [rad] to the target, if they were computed.
-            newton_steps: refinement steps taken.
-        """
+        """A refusal; ``residuals``: distance [m] and angle [rad] to the target, if computed."""
         return cls(refusal.status, None, *residuals, newton_steps, refusal.reason)

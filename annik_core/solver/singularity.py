@@ -33,12 +33,8 @@ def reflected_across_singularity(
 ) -> FloatArray:
     """Joint positions ``(dof,)`` beyond the nearest singularity; the same if there is none.
 
-    With sigma = u^T J v, the singularity is about sigma / (u^T (dJ/dv) v) away along -v.
-
-    Args:
-        jacobian: ``(dof,)`` to ``(6, dof)``, in any axes.
-        joint_positions: ``(dof,)`` where to begin.
-        free: indices of the joints that may move.
+    With sigma = u^T J v, the singularity is about sigma / (u^T (dJ/dv) v) away along -v. Only the
+    joints with indices in ``free`` move.
     """
     left, singular, right = np.linalg.svd(jacobian(joint_positions)[:, free], full_matrices=False)
     across = np.zeros_like(joint_positions)

@@ -53,11 +53,7 @@ class TypeNotRecordable(AnnikError):
 
 
 class BagRecorder(Node):
-    """Subscribes to topics and writes their messages undecoded, with send and receive times.
-
-    Attributes:
-        finished: done, with the exit code, when recording ends by itself.
-    """
+    """Subscribes to topics and writes their messages undecoded, with send and receive times."""
 
     def __init__(self) -> None:
         """Create the bag and subscribe to the topics of known type.
@@ -241,14 +237,7 @@ def _qos_time(duration: Duration) -> QosTime:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Record until interrupted, for the given time, or until the bag can't be written.
-
-    Args:
-        args: command line, as ``rclpy.init`` takes it.
-
-    Returns:
-        0, or 1 if the command line is wrong or the bag could not be written.
-    """
+    """Record until interrupted, for the given time, or until the bag can't be written."""
     # Not EventsExecutor: on Jazzy it can't pass the times of a message.
     return run_node(
         NODE_NAME,

@@ -48,11 +48,7 @@ COMMAND_DEPTH: Final = 10
 
 
 class RefusedPose(AnnikError):
-    """A measured pose is in the wrong frame, or is the previous measurement again.
-
-    Attributes:
-        reason: what it is counted as.
-    """
+    """A measured pose is in the wrong frame, or is the previous measurement again."""
 
     def __init__(self, reason: str, problem: str) -> None:
         self.reason = reason
@@ -60,7 +56,6 @@ class RefusedPose(AnnikError):
 
 
 def _refusal_reason(error: AnnikError) -> str:
-    """The counted reason of the refusal of a measured pose."""
     if isinstance(error, RefusedPose):
         return error.reason
     if isinstance(error, NonFiniteValue):
@@ -69,11 +64,7 @@ def _refusal_reason(error: AnnikError) -> str:
 
 
 class ExampleCollector(Node):
-    """Waits for robot and tracker, then moves and measures until the plan is done.
-
-    Attributes:
-        finished: done when the process may end.
-    """
+    """Waits for robot and tracker, then moves and measures until the plan is done."""
 
     def __init__(self) -> None:
         """Read the plan, open the journal and begin to wait for the robot.
@@ -118,10 +109,7 @@ class ExampleCollector(Node):
         )
 
     def write_dataset(self) -> str:
-        """Write the measured examples and close the journal.
-
-        Returns:
-            One line on what was written.
+        """Write the measured examples and close the journal; returns one line on what was written.
 
         Raises:
             AnnikError: if the dataset can't be written. The journal has all measurements.
@@ -262,14 +250,7 @@ class ExampleCollector(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Collect until the plan is done, or until interrupted; what was measured is written.
-
-    Args:
-        args: command line, as ``rclpy.init`` takes it.
-
-    Returns:
-        0, or 1 if something can't be used, the robot is at fault, or examples are missing.
-    """
+    """Collect until the plan is done or a signal; what was measured is written."""
     return run_node(
         NODE_NAME,
         ExampleCollector,

@@ -110,7 +110,6 @@ class FakeRobotNode(Node):
         self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
 
     def _measure(self) -> None:
-        """Publish measured joint positions and pose, with one stamp."""
         robot = self._fake_robot.robot
         # A simulated time may be too late for a message.
         stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))

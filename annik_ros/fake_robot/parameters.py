@@ -62,11 +62,6 @@ class FakeRobotParameters:
     )
 
     def __post_init__(self) -> None:
-        """Refuse parameters that contradict each other.
-
-        Raises:
-            InvalidValue: naming one and what it contradicts.
-        """
         if self.imperfection_seed < 0:
             for name, default in vars(ImperfectionMagnitudes()).items():
                 value = getattr(self.magnitudes, name)

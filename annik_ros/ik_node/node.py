@@ -99,11 +99,7 @@ class Serving:
 
 
 class IkNode(ManagedNode):
-    """Publishes one joint command for every target, or refuses it with a reason.
-
-    Attributes:
-        options: the values of its parameters.
-    """
+    """Publishes one joint command for every target, or refuses it with a reason."""
 
     def __init__(self) -> None:
         """Activate, or wait for transitions.
@@ -255,7 +251,6 @@ class IkNode(ManagedNode):
             return None
 
     def _age(self, target: StampedPoses) -> float:
-        """The age of a target by its stamp [s]."""
         return 1e-9 * (self.get_clock().now().nanoseconds - target.nanoseconds)
 
     def _act_on(self, serving: Serving, result: IkResult, arrival: float) -> None:

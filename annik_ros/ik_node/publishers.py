@@ -39,12 +39,7 @@ _STAMP = -2_000_000_011_987_654_321
 
 
 class MessageTemplate:
-    """The bytes of a message whose header stamp and array of numbers are replaced.
-
-    Args:
-        make_message: makes the message from a stamp and numbers.
-        size: how many numbers there are.
-    """
+    """The bytes of a message whose header stamp and array of ``size`` numbers are replaced."""
 
     def __init__(self, make_message: Callable[[Time, list[float]], Any], size: int) -> None:
         # Both are found by their values, whatever the layout of the message.
@@ -86,14 +81,9 @@ def _reads_as(data: bytes, message: Any) -> bool:
 
 
 class CommandPublishers:
-    """The publishers of commands for one robot; they publish only while the node is active.
-
-    Attributes:
-        options: the parameters of the node; may be replaced at any time.
-    """
+    """The publishers of commands for one robot; they publish only while the node is active."""
 
     def __init__(self, node: LifecycleNode, robot: Robot, options: IkNodeParameters) -> None:
-        """Create the publishers on ``node``."""
         self.options = options
         self._node = node
         # The handle gives nanoseconds; making a Time takes longer than reading the clock.

@@ -10,8 +10,6 @@ class Service(NamedTuple):
 
     Attributes:
         name: private to the node.
-        type: ROS service type.
-        meaning: its effect.
     """
 
     name: str

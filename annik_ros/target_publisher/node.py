@@ -55,12 +55,7 @@ _RESULTS: dict[ExpectedResults, tuple[tuple[Topic, type], ...]] = {
 
 
 class ResultsMissing(AnnikError):
-    """Not every target had its results.
-
-    Attributes:
-        published: how many targets were published.
-        results: how many results came, by topic.
-    """
+    """Not every target had its results."""
 
     def __init__(self, published: int, results: dict[str, int]) -> None:
         self.published = published
@@ -73,11 +68,7 @@ class ResultsMissing(AnnikError):
 
 
 class TargetPublisher(Node):
-    """Waits for the other nodes, publishes each target once, waits for delivery and results.
-
-    Attributes:
-        finished: done when the process may end.
-    """
+    """Waits for the other nodes, publishes each target once, waits for delivery and results."""
 
     def __init__(self) -> None:
         """Make the path and begin to wait for subscribers.
