@@ -11,6 +11,7 @@ on first use; functions of one pose use plain floats, because they are on the ho
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -169,3 +170,17 @@ def pose_distance(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray,
     """Norms of :func:`pose_difference`: distances [m], angles [rad], each ``()`` or ``(n,)``."""
     position, rotation = pose_difference(target, achieved)
     return np.linalg.norm(position, axis=-1), np.linalg.norm(rotation, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingError:
+    """Target minus achieved, ``(3,)`` each in the base frame: [m], and a rotation vector [rad]."""
+
+    position: FloatArray
+    orientation: FloatArray
+
+
+def tracking_error(target: FloatArray, achieved: FloatArray) -> TrackingError:
+    """Error of an achieved pose ``(7,)`` against its target ``(7,)``, both checked poses."""
+    position, orientation = single_pose_difference(target, achieved)
+    return TrackingError(np.array(position), np.array(orientation))

@@ -18,7 +18,7 @@ import numpy as np
 from annik_core.errors import InvalidValue
 from annik_core.pose import POSE_FIELDS, QUATERNION_NORM_TOLERANCE, FloatArray, Numbers
 from annik_core.robots.robot import Robot
-from annik_core.settings import check_settings, setting
+from annik_core.settings import check_settings, setting, upper_limit
 
 
 class IkStatus(Enum):
@@ -108,44 +108,34 @@ class AcceptanceLimits:
         InvalidValue: if a limit is NaN, zero or negative.
     """
 
-    max_position_residual: float = setting(
+    max_position_residual: float = upper_limit(
         1e-3,
         "Largest distance from the target to the pose of a solution; a solution beyond it is "
         "refused.",
         unit="m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_orientation_residual: float = setting(
+    max_orientation_residual: float = upper_limit(
         5e-3,
         "Largest angle from the target to the pose of a solution; a solution beyond it is "
         "refused.",
         unit="rad",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_joint_step: float = setting(
+    max_joint_step: float = upper_limit(
         math.inf,
         "Largest change of any joint from the previous command, or of the first command from the "
         "measured joint positions; a solution beyond it is refused.",
         unit="rad or m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_expected_error: float = setting(
+    max_expected_error: float = upper_limit(
         math.inf,
         "With a calibrated robot: largest expected position error of the forward kinematics, a "
         "bound that 95 of 100 poses stay below; a solution beyond it is refused.",
         unit="m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_expected_orientation_error: float = setting(
+    max_expected_orientation_error: float = upper_limit(
         math.inf,
         "With a calibrated robot: largest expected orientation error, likewise.",
         unit="rad",
-        greater_than=0.0,
-        maximum=math.inf,
     )
 
     def __post_init__(self) -> None:
@@ -192,21 +182,17 @@ class CommandSafety:
         minimum=-math.inf,
         maximum=math.inf,
     )
-    max_target_age: float = setting(
+    max_target_age: float = upper_limit(
         math.inf,
         "Largest difference of the stamp of a target from the present time, past or future; a "
         "target beyond it is refused, and so is a stamped target whose stamp is 0.",
         unit="s",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_joint_velocity: float = setting(
+    max_joint_velocity: float = upper_limit(
         math.inf,
         "Largest change of any joint from the previous command, divided by the time since then; a "
         "command beyond it is refused.",
         unit="rad/s or m/s",
-        greater_than=0.0,
-        maximum=math.inf,
     )
     expected_rate: float = setting(
         0.0,
@@ -216,13 +202,11 @@ class CommandSafety:
         minimum=0.0,
         maximum=100_000.0,
     )
-    max_measured_step: float = setting(
+    max_measured_step: float = upper_limit(
         math.inf,
         "Largest distance of any joint of a command from its measured position, if joint_states "
         "are received; a command beyond it is refused.",
         unit="rad or m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
     first_command: FirstCommandRule = setting(
         FirstCommandRule.NEAR_IF_MEASURED,
@@ -230,12 +214,10 @@ class CommandSafety:
         "if joint_states are received; near: always, and without joint_states it is refused; "
         "free: never.",
     )
-    max_first_step: float = setting(
+    max_first_step: float = upper_limit(
         0.2,
         "Largest distance of any joint of the first command from its measured position.",
         unit="rad or m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
 
     def __post_init__(self) -> None:

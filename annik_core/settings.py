@@ -1,7 +1,6 @@
 """Settings: dataclass fields that carry a default, a range, a unit and a sentence.
 
-The checks of values, the parameters of the nodes, ``config/*.yaml`` and the tables of the
-documentation are made from these fields.
+Checks, parameters of the nodes, ``config/*.yaml`` and tables of the docs are made of them.
 """
 
 from __future__ import annotations
@@ -181,6 +180,16 @@ def setting(
     # For type checkers the field has the type of its default, as with dataclasses.field.
     declared: Any = field(default=default, metadata={_KEY: described, **metadata})
     return cast("Value", declared)
+
+
+def upper_limit(default: float, description: str, unit: str) -> float:
+    """A setting of more than 0; infinity: no limit."""
+    return setting(default, description, unit=unit, greater_than=0.0, maximum=math.inf)
+
+
+def size(default: float, description: str, unit: str, most: float) -> float:
+    """A setting from 0 to ``most``."""
+    return setting(default, description, unit=unit, minimum=0.0, maximum=most)
 
 
 def settings_of(settings: type) -> tuple[Setting, ...]:

@@ -40,11 +40,6 @@ class Launch:
     """The checked arguments of a launch file, and the nodes that it starts with them."""
 
     def __init__(self, context: LaunchContext, names: Sequence[str]) -> None:
-        """Check the arguments.
-
-        Raises:
-            AnnikError: if one is not allowed.
-        """
         configurations = context.launch_configurations
         self.values = checked_arguments({name: configurations[name] for name in names})
         namespace: str = self.values["namespace"]

@@ -92,11 +92,7 @@ class ChildProcess:
             self._fail("failed")
 
     def interrupt(self, timeout: float) -> None:
-        """End the process by SIGINT, as Ctrl-C does, and wait until it has ended.
-
-        Raises:
-            ChildProcessFailed: see :meth:`wait`.
-        """
+        """End the process by SIGINT, as Ctrl-C does; otherwise as :meth:`wait`."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
         self.wait(timeout)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from annik_core.collection.errors import CollectionStopped, StopCause
 from annik_core.collection.journal import CollectionJournal, MeasuredExample
 from annik_core.collection.measurement import (
     PoseAverage,
@@ -21,8 +20,49 @@ from annik_core.collection.measurement import (
 from annik_core.collection.motion import JointMotion, approach, place_violation
 from annik_core.collection.settings import CollectionSettings
 from annik_core.collection.visiting_order import visiting_order
+from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.safety import largest_step_beyond, measured_violation
+
+
+class StopCause(Enum):
+    """Why a collection stops."""
+
+    OUTSIDE_LIMITS = "outside limits"
+    SILENCE = "no joint states"
+    JUMP = "jump of a measured joint"
+    LAG = "robot does not follow"
+    WRONG_PLACE = "robot is not at its command"
+    FAILURES = "too many failed examples"
+
+
+class CollectionStopped(AnnikError):
+    """The robot or the set-up is at fault, so that no more commands are published."""
+
+    def __init__(self, cause: StopCause, reason: str) -> None:
+        self.cause = cause
+        self.reason = reason
+        super().__init__(
+            f"stopped: {reason}; what was measured is kept, and the same command continues from "
+            "there once the cause is removed"
+        )
+
+
+class CollectionIncomplete(AnnikError):
+    """Some examples could not be measured.
+
+    Attributes:
+        missing: row of the plan to the reason of its last failure.
+    """
+
+    def __init__(self, missing: Mapping[int, str]) -> None:
+        self.missing = dict(missing)
+        first = "; ".join(f"row {row}: {reason}" for row, reason in sorted(missing.items())[:3])
+        more = "; ..." if len(missing) > 3 else ""
+        super().__init__(
+            f"{len(missing)} examples could not be measured ({first}{more}): the same command "
+            "visits them again, and keeps the others"
+        )
 
 
 class ExampleQueue:

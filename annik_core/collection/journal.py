@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from annik_core.append_log import AppendLog
-from annik_core.collection.errors import JournalMismatch
 from annik_core.collection.measurement import noise_of_averages
 from annik_core.collection.settings import CollectionSettings
 from annik_core.dataset import MEASURED, Dataset
@@ -26,6 +25,20 @@ from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.definition import is_numeric
 
 FORMAT_VERSION = 1
+
+
+class JournalMismatch(AnnikError):
+    """A journal belongs to another plan or robot, or to another number of samples."""
+
+    def __init__(self, path: Path, what: str, journal: object, given: object) -> None:
+        self.path = path
+        self.what = what
+        self.journal = journal
+        self.given = given
+        super().__init__(
+            f"journal {path} was begun with {what} {journal}, not {given}: give the same to "
+            "continue it, or another dataset to begin a new one"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from annik_core.errors import InvalidValue
 from annik_core.safety import CommandSafety
-from annik_core.settings import check_settings, setting
+from annik_core.settings import check_settings, setting, upper_limit
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,12 @@ class CollectionSettings:
         minimum=1e-6,
         maximum=100_000.0,
     )
-    max_measured_step: float = setting(
+    max_measured_step: float = upper_limit(
         0.2,
         "Largest distance of a measured joint from its command, and from its previous "
         "measurement; beyond it the node stops with exit code 1. From half of it on the motion "
         "slows down, so that the robot can catch up. Infinity: no limit.",
         unit="rad or m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
     measurement_timeout: float = setting(
         0.5,
@@ -115,35 +113,27 @@ class CollectionSettings:
         minimum=1e-3,
         maximum=3600.0,
     )
-    max_position_spread: float = setting(
+    max_position_spread: float = upper_limit(
         0.005,
         "Largest distance of a sample from the mean; beyond it, or if one sample is an outlier, "
         "the measurement is repeated.",
         unit="m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_orientation_spread: float = setting(
+    max_orientation_spread: float = upper_limit(
         0.05,
         "Largest angle of a sample from the mean, likewise.",
         unit="rad",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_position_deviation: float = setting(
+    max_position_deviation: float = upper_limit(
         0.05,
         "Largest distance of the mean from the nominal forward kinematics; beyond it the "
         "measurement is repeated.",
         unit="m",
-        greater_than=0.0,
-        maximum=math.inf,
     )
-    max_orientation_deviation: float = setting(
+    max_orientation_deviation: float = upper_limit(
         0.2,
         "Largest angle of the mean from the nominal forward kinematics, likewise.",
         unit="rad",
-        greater_than=0.0,
-        maximum=math.inf,
     )
     max_repeats: int = setting(
         3,

@@ -167,11 +167,7 @@ class ScrewChain:
 
 
 def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
-    """Check that Pinocchio leaves the placement where :meth:`ArmKinematics.linearise` reads it.
-
-    Raises:
-        MissingDependency: if this version does not; its documentation does not promise it.
-    """
+    """Refuse a Pinocchio that puts the placement elsewhere than its undocumented place today."""
     for position in (0.3, -0.7):
         positions = np.full(model.nq, position)
         pin.framesForwardKinematics(model, data, positions)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass, field, fields
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -31,23 +31,60 @@ class JointCorrection(Protocol):
         ...
 
 
+Part = TypeVar("Part", bound="_ScaledPart")
+
+
 @dataclass(frozen=True, eq=False)
-class JointNetworks:
+class _ScaledPart:
+    """Arrays of a function of the joint positions scaled to their box, [-1, 1].
+
+    ``centre`` and ``half_width``, not zero, are those of the box, ``(dof,)`` [rad or m].
+    """
+
+    centre: FloatArray
+    half_width: FloatArray
+
+    def scaled(self, joint_positions: FloatArray) -> FloatArray:
+        """Joint positions ``(..., dof)``, scaled."""
+        return (joint_positions - self.centre) / self.half_width
+
+    def to_dict(self) -> dict[str, Any]:
+        """For a robot definition."""
+        return {name: array.tolist() for name, array in vars(self).items()}
+
+    @classmethod
+    def from_dict(cls: type[Part], data: Any, dof: int, source: str, what: str) -> Part:
+        """The reverse of :meth:`to_dict`, for the entry ``what``.
+
+        Raises:
+            InvalidRobotDefinition: naming what is missing or wrong.
+        """
+        arrays = checked_arrays(data, tuple(entry.name for entry in fields(cls)), what, source)
+        shapes = {"centre": (dof,), "half_width": (dof,), **cls._shapes(dof, arrays)}
+        for name, shape in shapes.items():
+            check_shape(arrays[name], shape, f"{what}.{name}", source)
+        check_positive(arrays["half_width"], f"{what}.half_width", source)
+        return cls(**arrays)
+
+    @staticmethod
+    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        """Of the other arrays, whose sizes may depend on each other."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class JointNetworks(_ScaledPart):
     """A small network per joint: its correction as a function of its commanded position.
 
     ``actual = q + sum over hidden units of output_weight * tanh(input_weight * x + bias)``, where
     ``x = (q - centre) / half_width``.
 
     Attributes:
-        centre: ``(dof,)`` [rad or m].
-        half_width: ``(dof,)`` [rad or m], not zero.
         input_weights: ``(dof, hidden)``.
         biases: ``(dof, hidden)``.
         output_weights: ``(dof, hidden)`` [rad or m].
     """
 
-    centre: FloatArray
-    half_width: FloatArray
     input_weights: FloatArray
     biases: FloatArray
     output_weights: FloatArray
@@ -70,51 +107,29 @@ class JointNetworks:
 
     def activations(self, joint_positions: FloatArray) -> FloatArray:
         """The hidden units, ``(..., dof, hidden)``."""
-        scaled = (joint_positions - self.centre) / self.half_width
-        activations: FloatArray = np.tanh(
-            scaled[..., np.newaxis] * self.input_weights + self.biases
-        )
+        scaled = self.scaled(joint_positions)[..., np.newaxis]
+        activations: FloatArray = np.tanh(scaled * self.input_weights + self.biases)
         return activations
 
-    def to_dict(self) -> dict[str, Any]:
-        """For a robot definition."""
-        return {name: array.tolist() for name, array in vars(self).items()}
-
-    @classmethod
-    def from_dict(cls, data: Any, dof: int, source: str) -> JointNetworks:
-        """The reverse of :meth:`to_dict`.
-
-        Raises:
-            InvalidRobotDefinition: naming what is missing or wrong.
-        """
-        what = "corrections.joint_networks"
-        arrays = checked_arrays(data, tuple(cls.__dataclass_fields__), what, source)
-        hidden = arrays["input_weights"].shape[-1:]
-        for name in ("centre", "half_width"):
-            check_shape(arrays[name], (dof,), f"{what}.{name}", source)
-        for name in ("input_weights", "biases", "output_weights"):
-            check_shape(arrays[name], (dof, *hidden), f"{what}.{name}", source)
-        check_positive(arrays["half_width"], f"{what}.half_width", source)
-        return cls(**arrays)
+    @staticmethod
+    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        shape = (dof, *arrays["input_weights"].shape[-1:])
+        return dict.fromkeys(("input_weights", "biases", "output_weights"), shape)
 
 
 @dataclass(frozen=True, eq=False)
-class PoseNetwork:
+class PoseNetwork(_ScaledPart):
     """A small network from the joint positions to a motion of the end effector in its own frame.
 
     ``motion = output_weights @ tanh(input_weights @ x + biases)``, where ``x`` are the joint
     positions scaled to their box. The motion is a body twist, applied by the exponential map.
 
     Attributes:
-        centre: ``(dof,)`` [rad or m].
-        half_width: ``(dof,)`` [rad or m], not zero.
         input_weights: ``(hidden, dof)``.
         biases: ``(hidden,)``.
         output_weights: ``(6, hidden)``: three rows linear [m], three angular [rad].
     """
 
-    centre: FloatArray
-    half_width: FloatArray
     input_weights: FloatArray
     biases: FloatArray
     output_weights: FloatArray
@@ -133,98 +148,45 @@ class PoseNetwork:
 
     def activations(self, joint_positions: FloatArray) -> FloatArray:
         """The hidden units, ``(n, hidden)``."""
-        scaled = (joint_positions - self.centre) / self.half_width
+        scaled = self.scaled(joint_positions)
         activations: FloatArray = np.tanh(scaled @ self.input_weights.T + self.biases)
         return activations
 
-    def to_dict(self) -> dict[str, Any]:
-        """For a robot definition."""
-        return {name: array.tolist() for name, array in vars(self).items()}
-
-    @classmethod
-    def from_dict(cls, data: Any, dof: int, source: str) -> PoseNetwork:
-        """The reverse of :meth:`to_dict`.
-
-        Raises:
-            InvalidRobotDefinition: naming what is missing or wrong.
-        """
-        what = "corrections.pose_network"
-        arrays = checked_arrays(data, tuple(cls.__dataclass_fields__), what, source)
+    @staticmethod
+    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
         hidden = arrays["biases"].shape[-1:]
-        for name, shape in (
-            ("centre", (dof,)),
-            ("half_width", (dof,)),
-            ("biases", hidden),
-            ("input_weights", (*hidden, dof)),
-            ("output_weights", (6, *hidden)),
-        ):
-            check_shape(arrays[name], shape, f"{what}.{name}", source)
-        check_positive(arrays["half_width"], f"{what}.half_width", source)
-        return cls(**arrays)
-
-
-#: Greatest logarithm of a bound.
-_LARGEST_EXPONENT = 100.0
+        return {
+            "biases": hidden,
+            "input_weights": (*hidden, dof),
+            "output_weights": (6, *hidden),
+        }
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorBound:
+class ErrorBound(_ScaledPart):
     """A bound of the pose error that holds for 95 of 100 poses.
 
     Its logarithm is quadratic in ``x``, the joint positions scaled to their box: ``coefficients``
     times (1, x_i, x_i x_j for i <= j).
 
     Attributes:
-        centre: ``(dof,)`` [rad or m].
-        half_width: ``(dof,)`` [rad or m], not zero.
         coefficients: ``(2, 1 + dof + dof (dof + 1) / 2)``: of the distance [m] and of the angle
             [rad].
     """
 
-    centre: FloatArray
-    half_width: FloatArray
     coefficients: FloatArray
 
     def at(self, joint_positions: FloatArray) -> tuple[float, float]:
         """Bounds of the distance [m] and the angle [rad] at joint positions ``(dof,)``."""
-        position, orientation = (
-            self.coefficients @ quadratic_features(self.scaled(joint_positions)[np.newaxis])[0]
-        ).tolist()
+        # Outside the box the quadratic is not known to hold.
+        clipped = np.minimum(np.maximum(self.scaled(joint_positions), -1.0), 1.0)
+        exponents = self.coefficients @ quadratic_features(clipped[np.newaxis])[0]
+        position, orientation = exponents.tolist()
         return math.exp(position), math.exp(orientation)
 
-    def scaled(self, joint_positions: FloatArray) -> FloatArray:
-        """The joint positions ``(..., dof)`` scaled to [-1, 1] in their box, and clipped to it.
-
-        Outside the box the quadratic is not known to hold.
-        """
-        scaled = (joint_positions - self.centre) / self.half_width
-        clipped: FloatArray = np.minimum(np.maximum(scaled, -1.0), 1.0)
-        return clipped
-
-    def to_dict(self) -> dict[str, Any]:
-        """For a robot definition."""
-        return {name: array.tolist() for name, array in vars(self).items()}
-
-    @classmethod
-    def from_dict(cls, data: Any, dof: int, source: str) -> ErrorBound:
-        """The reverse of :meth:`to_dict`.
-
-        Raises:
-            InvalidRobotDefinition: naming what is missing or wrong.
-        """
-        what = "corrections.error_bound"
-        arrays = checked_arrays(data, tuple(cls.__dataclass_fields__), what, source)
-        for name, shape in (
-            ("centre", (dof,)),
-            ("half_width", (dof,)),
-            ("coefficients", (2, 1 + dof + dof * (dof + 1) // 2)),
-        ):
-            check_shape(arrays[name], shape, f"{what}.{name}", source)
-        check_positive(arrays["half_width"], f"{what}.half_width", source)
-        # Beyond it the exponential overflows.
-        if np.abs(arrays["coefficients"]).sum(axis=1).max() > _LARGEST_EXPONENT:
-            raise InvalidRobotDefinition(source, f"{what}.coefficients are too large for bounds")
-        return cls(**arrays)
+    @staticmethod
+    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        return {"coefficients": (2, 1 + dof + dof * (dof + 1) // 2)}
 
 
 def quadratic_features(scaled: FloatArray) -> FloatArray:
@@ -235,7 +197,14 @@ def quadratic_features(scaled: FloatArray) -> FloatArray:
     )
 
 
-_PARTS = ("joint_networks", "pose_network", "error_bound")
+#: Greatest logarithm of a bound.
+_LARGEST_EXPONENT = 100.0
+
+_PARTS: dict[str, type[_ScaledPart]] = {
+    "joint_networks": JointNetworks,
+    "pose_network": PoseNetwork,
+    "error_bound": ErrorBound,
+}
 _ENTRIES = ("placements", *_PARTS, "provenance")
 
 
@@ -294,14 +263,16 @@ class ArmCorrections:
                 source, "corrections.placements are not x, y, z and a unit quaternion each"
             )
         parts: dict[str, Any] = {
-            name: part.from_dict(data[name], dof, source)
-            for name, part in (
-                ("joint_networks", JointNetworks),
-                ("pose_network", PoseNetwork),
-                ("error_bound", ErrorBound),
-            )
+            name: part.from_dict(data[name], dof, source, f"corrections.{name}")
+            for name, part in _PARTS.items()
             if data.get(name) is not None
         }
+        bound = parts.get("error_bound")
+        # Beyond it the exponential overflows.
+        if bound and np.abs(bound.coefficients).sum(axis=1).max() > _LARGEST_EXPONENT:
+            raise InvalidRobotDefinition(
+                source, "corrections.error_bound.coefficients are too large for bounds"
+            )
         provenance = data.get("provenance")
         if provenance is None:
             provenance = {}

@@ -3,11 +3,11 @@
 Equations (1)-(4): every task coordinate is a drive angle times a transmission ratio plus an
 offset. Orientation is roll, pitch, yaw (the paper's psi, theta, phi).
 
-At a pitch of +-90 degrees, an edge of the paper's workspace, only the difference (or the sum) of
-roll and yaw turns the end effector (gimbal lock), and no function of the pose alone can be
-continuous there. :class:`GantryWorkspace` then keeps roll and yaw as close as possible to those of
-the previous target, or, if there is none, to the middle of the workspace. To select them, it gives
-the network a pose tilted by a tenth of a micro-radian, where roll and yaw are unique.
+At a pitch of +-90 degrees only the difference (or the sum) of roll and yaw turns the end effector
+(gimbal lock), and no function of the pose alone can be continuous there. :class:`GantryWorkspace`
+then keeps roll and yaw as close as possible to those of the previous target, or to the middle of
+the workspace. It gives the network a pose tilted by a tenth of a micro-radian, where both are
+unique.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from annik_core.robots.corrected_kinematics import JointCorrectedKinematics
 from annik_core.robots.corrections import JointCorrection
 from annik_core.robots.kinematic_errors import ErrorKind, geometric_errors, placements_of
 from annik_core.robots.robot import ForwardKinematics, Robot
-from annik_core.settings import Setting, check_settings, setting, settings_of
+from annik_core.settings import Setting, check_settings, setting, settings_of, size
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,19 +109,17 @@ class Imperfections:
     transmission_amplitude: FloatArray
     transmission_phase: FloatArray
     backlash: FloatArray
-    position_noise: float = setting(
+    position_noise: float = size(
         0.0,
         "Standard deviation of a measured position along each axis.",
         unit="m",
-        minimum=0.0,
-        maximum=LARGEST_LENGTH,
+        most=LARGEST_LENGTH,
     )
-    orientation_noise: float = setting(
+    orientation_noise: float = size(
         0.0,
         "Standard deviation of a measured orientation about each axis.",
         unit="rad",
-        minimum=0.0,
-        maximum=LARGEST_ANGLE,
+        most=LARGEST_ANGLE,
     )
     dropped: float = setting(
         0.0, "Probability that a measurement is lost.", minimum=0.0, maximum=1.0
@@ -314,55 +312,45 @@ class ImperfectionMagnitudes:
         InvalidValue: naming the magnitude, its value and what is allowed.
     """
 
-    joint_zero_error: float = setting(
+    joint_zero_error: float = size(
         math.radians(0.5),
         "Largest random error of the zero of a joint.",
         unit="rad",
-        minimum=0.0,
-        maximum=LARGEST_ANGLE,
+        most=LARGEST_ANGLE,
     )
-    link_length_error: float = setting(
+    link_length_error: float = size(
         1e-3,
         "Largest random error of the length of a link, and of the offset of a joint along its "
         "axis.",
         unit="m",
-        minimum=0.0,
-        maximum=LARGEST_LENGTH,
+        most=LARGEST_LENGTH,
     )
-    link_twist_error: float = setting(
+    link_twist_error: float = size(
         math.radians(0.3),
         "Largest random error of the twist of a link.",
         unit="rad",
-        minimum=0.0,
-        maximum=LARGEST_ANGLE,
+        most=LARGEST_ANGLE,
     )
-    transmission_error: float = setting(
+    transmission_error: float = size(
         math.radians(0.2),
         "Largest random amplitude of the periodic transmission error of a revolute joint.",
         unit="rad",
-        minimum=0.0,
-        maximum=LARGEST_ANGLE,
+        most=LARGEST_ANGLE,
     )
-    backlash: float = setting(
-        0.0,
-        "Largest random backlash of a joint.",
-        unit="rad or m",
-        minimum=0.0,
-        maximum=LARGEST_LENGTH,
+    backlash: float = size(
+        0.0, "Largest random backlash of a joint.", unit="rad or m", most=LARGEST_LENGTH
     )
-    position_noise: float = setting(
+    position_noise: float = size(
         20e-6,
         "Standard deviation of a measured position along each axis.",
         unit="m",
-        minimum=0.0,
-        maximum=LARGEST_LENGTH,
+        most=LARGEST_LENGTH,
     )
-    orientation_noise: float = setting(
+    orientation_noise: float = size(
         math.radians(0.002),
         "Standard deviation of a measured orientation about each axis.",
         unit="rad",
-        minimum=0.0,
-        maximum=LARGEST_ANGLE,
+        most=LARGEST_ANGLE,
     )
     dropped_measurements: float = setting(
         0.0, "Probability that a measurement is lost.", minimum=0.0, maximum=1.0

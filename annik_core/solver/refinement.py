@@ -1,15 +1,13 @@
 """Refine a solution on the forward kinematics, in a bounded number of steps.
 
 Each step solves min |J dq - e|^2 + (c |e|^2 + b) |dq|^2 for the error twist e in metres and
-radians [Sugihara2011]_: damped far from the target, Newton's step near it, with quadratic
-convergence. Joints that a step would take out of the joint box stop at their bounds, and the
-others are solved for again. No step is random or taken back: the same start and target give the
-same solution in the same number of operations.
+radians [Sugihara2011]_: damped far from the target, Newton's step near it. Joints that a step
+would take out of the joint box stop at their bounds, and the others are solved for again. No step
+is random or taken back.
 
 A search that stops short of the target began on the wrong side of a singularity. It is repeated
 from beyond the singularities nearest to its start and to its end, see
-:mod:`annik_core.solver.singularity`, the nearer to the target first. The steps of all searches
-count together.
+:mod:`annik_core.solver.singularity`, the nearer to the target first.
 
 References:
     [Sugihara2011] T. Sugihara: Solvability-unconcerned inverse kinematics by the

@@ -56,11 +56,6 @@ class BagRecorder(Node):
     """Subscribes to topics and writes their messages undecoded, with send and receive times."""
 
     def __init__(self) -> None:
-        """Create the bag and subscribe to the topics of known type.
-
-        Raises:
-            AnnikError: if a parameter is wrong or the bag can't be created.
-        """
         super().__init__(NODE_NAME)
         options = declare_parameters(self, BagRecorderParameters)
         self.finished: Future[int] = Future()
@@ -140,11 +135,7 @@ class BagRecorder(Node):
             )
 
     def _subscribe(self, topic: str, message_type: str) -> None:
-        """Subscribe with a QoS that the present publishers can serve; replaces an earlier one.
-
-        Raises:
-            TypeNotRecordable: if messages of this type can't be received or stored.
-        """
+        """Subscribe with a QoS that the present publishers can serve; replaces an earlier one."""
         message_class = _message_class(message_type)
         earlier = self._subscriptions_by_topic.pop(topic, None)
         if earlier is not None:

@@ -13,8 +13,13 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from annik_core.collection.collector import Collector, MeasuredJoints, Phase, duration_in_words
-from annik_core.collection.errors import CollectionIncomplete
+from annik_core.collection.collector import (
+    CollectionIncomplete,
+    Collector,
+    MeasuredJoints,
+    Phase,
+    duration_in_words,
+)
 from annik_core.collection.journal import CollectionJournal, open_journal
 from annik_core.dataset import load_dataset, save_dataset
 from annik_core.errors import AnnikError, NonFiniteValue, NotUnitQuaternion
@@ -67,11 +72,6 @@ class ExampleCollector(Node):
     """Waits for robot and tracker, then moves and measures until the plan is done."""
 
     def __init__(self) -> None:
-        """Read the plan, open the journal and begin to wait for the robot.
-
-        Raises:
-            AnnikError: if a parameter, the plan or the journal can't be used.
-        """
         super().__init__(NODE_NAME)
         self.finished = Future()
         self._started = time.monotonic()

@@ -14,12 +14,11 @@ from sensor_msgs.msg import JointState
 
 from annik_core.errors import AnnikError, InvalidValue
 from annik_core.model.artifact import load_model
-from annik_core.pose import FloatArray, checked_pose
+from annik_core.pose import FloatArray, checked_pose, tracking_error
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.serving.stamps import LAST_STAMP, StampPairing
 from annik_core.serving.statistics import OutcomeCounts
-from annik_core.serving.tracking_error import tracking_error
 from annik_core.simulation.fake_robot import FakeRobot, refusal_reason
 from annik_core.simulation.imperfections import Imperfections
 from annik_ros.declare_parameters import declare_parameters

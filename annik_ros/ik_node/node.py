@@ -58,11 +58,6 @@ class Serving:
     """The model, the subscriptions and the publishers of a configured node."""
 
     def __init__(self, node: IkNode, options: IkNodeParameters) -> None:
-        """Load the model and subscribe.
-
-        Raises:
-            AnnikError: if the model can't be used.
-        """
         from annik_core.model.artifact import load_model
 
         self._node = node
@@ -102,11 +97,6 @@ class IkNode(ManagedNode):
     """Publishes one joint command for every target, or refuses it with a reason."""
 
     def __init__(self) -> None:
-        """Activate, or wait for transitions.
-
-        Raises:
-            AnnikError: if a parameter can't be used, or the model with autostart.
-        """
         super().__init__(NODE_NAME)
         # Loading this module takes a while, in which the middleware discovers other nodes.
         import_module("annik_core.model.artifact")

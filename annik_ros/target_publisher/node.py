@@ -71,11 +71,6 @@ class TargetPublisher(Node):
     """Waits for the other nodes, publishes each target once, waits for delivery and results."""
 
     def __init__(self) -> None:
-        """Make the path and begin to wait for subscribers.
-
-        Raises:
-            AnnikError: if a parameter or the file of targets can't be used.
-        """
         super().__init__(NODE_NAME)
         self.finished = Future()
         self._options = declare_parameters(self, TargetPublisherParameters)

@@ -14,8 +14,7 @@ from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Vector3 as Vec
 from scipy.spatial.transform import Rotation
 
 from annik_core.errors import ConversionError
-from annik_core.pose import FloatArray, checked_pose
-from annik_core.serving.tracking_error import TrackingError, tracking_error
+from annik_core.pose import FloatArray, TrackingError, checked_pose, tracking_error
 from msg_tools.bags.reader import Bag, BagRecord
 from msg_tools.report.matching import TimedPose, match_targets
 from msg_tools.report.namespace import robot_namespace

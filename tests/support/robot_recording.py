@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from annik_core.pose import FloatArray
-from annik_core.serving.tracking_error import tracking_error
+from annik_core.pose import FloatArray, tracking_error
 from msg_tools.bags.metadata import jazzy_types
 from msg_tools.bags.writer import BagWriter
 from msg_tools.topics import TOPICS

@@ -15,13 +15,14 @@ from support.collection_plans import plan_at, small_plan
 from support.continuous_arm import CONTINUOUS_URDF, OPTIONS
 
 from annik_core.collection.collector import (
+    CollectionStopped,
     Collector,
     ExampleQueue,
     MeasuredJoints,
     Phase,
+    StopCause,
     duration_in_words,
 )
-from annik_core.collection.errors import CollectionStopped, StopCause
 from annik_core.collection.journal import CollectionJournal
 from annik_core.collection.measurement import Settling
 from annik_core.collection.settings import CollectionSettings

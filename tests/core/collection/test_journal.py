@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from support.collection_plans import small_plan
 from support.processes import run_python
 
-from annik_core.collection.errors import JournalMismatch
 from annik_core.collection.journal import (
     CollectionJournal,
+    JournalMismatch,
     MeasuredExample,
     journal_path,
     open_journal,
