@@ -22,10 +22,9 @@ _CHECK = "check"
 
 
 class AppendLog:
-    """A log, locked for this process alone. Use it as a context manager, or close it.
+    """A log, locked for this process alone; a context manager, or to be closed.
 
-    Attributes:
-        truncated: whether an incomplete last line was removed when the log was opened.
+    ``truncated``: an incomplete last line was removed when the log was opened.
     """
 
     def __init__(self, path: Path, *, has_header: bool = False) -> None:

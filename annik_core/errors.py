@@ -58,11 +58,7 @@ def missing_dependency(error: ImportError, purpose: str) -> MissingDependency:
 
 
 class InvalidValue(AnnikError):
-    """A setting, an option or a parameter has a value that is not allowed.
-
-    Attributes:
-        allowed: the allowed values, as text with the unit.
-    """
+    """A setting, an option or a parameter has a value other than the allowed ones, in words."""
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
         self.name = name
@@ -72,11 +68,7 @@ class InvalidValue(AnnikError):
 
 
 class NotWritable(AnnikError):
-    """A file or a folder can't be written.
-
-    Attributes:
-        reason: what the operating system said.
-    """
+    """A file or a folder can't be written, for the reason that the operating system gave."""
 
     def __init__(
         self, path: Path, reason: str, remedy: str = "check the folder and free space"
@@ -97,11 +89,7 @@ class InUse(AnnikError):
 
 
 class DamagedRecord(AnnikError):
-    """A line of an append-only log is damaged.
-
-    Attributes:
-        line: number of the line, from 1.
-    """
+    """A line of an append-only log, counted from 1, is damaged."""
 
     def __init__(
         self, path: Path, line: int, problem: str, remedy: str = "delete this line"

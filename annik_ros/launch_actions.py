@@ -24,11 +24,7 @@ Actions = list["LaunchDescriptionEntity"]
 
 
 class NodeEnded(AnnikError):
-    """A node ended that the others need.
-
-    Attributes:
-        exit_code: of its process; negative: the signal that killed it.
-    """
+    """A node ended that the others need; a negative exit code is the signal that killed it."""
 
     def __init__(self, node: str, exit_code: int) -> None:
         self.node = node

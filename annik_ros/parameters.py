@@ -103,11 +103,7 @@ class Parameter:
         return allowed
 
     def checked(self, value: object) -> ParameterValue:
-        """The value as ROS should hold it, such as an integer as the double that it means.
-
-        Raises:
-            InvalidValue: if the type, the range, the choice or the length is wrong.
-        """
+        """:meth:`setting_value` as ROS holds it, such as an integer as the double that it means."""
         return self._held(self.setting_value(value))
 
     @property

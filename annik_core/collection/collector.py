@@ -49,11 +49,7 @@ class CollectionStopped(AnnikError):
 
 
 class CollectionIncomplete(AnnikError):
-    """Some examples could not be measured.
-
-    Attributes:
-        missing: row of the plan to the reason of its last failure.
-    """
+    """Some examples could not be measured: ``missing``, rows of the plan with the last reasons."""
 
     def __init__(self, missing: Mapping[int, str]) -> None:
         self.missing = dict(missing)
@@ -68,10 +64,8 @@ class CollectionIncomplete(AnnikError):
 class ExampleQueue:
     """Rows of a plan in their order; failed rows again after all others.
 
-    Attributes:
-        missing: rows that failed, with the last reason; they may still be in the queue.
-        skipped: rows that can't be reached inside the limits, with the reason; likewise.
-        failures: number of failed attempts.
+    ``missing`` rows failed, ``skipped`` rows can't be reached inside the limits, with the last
+    reason for each; they may still be in the queue. ``failures`` counts failed attempts.
     """
 
     def __init__(self, rows: Sequence[int], max_retries: int, max_failures_in_a_row: int) -> None:
@@ -133,11 +127,7 @@ _FULL_PACE, _NO_PACE = 0.5, 0.9
 
 
 class MeasuredJoints(NamedTuple):
-    """Joint positions and their time of arrival.
-
-    Attributes:
-        time: of the oldest of them, on the clock of the caller [s].
-    """
+    """Joint positions and the time [s] when the oldest of them arrived, on the caller's clock."""
 
     time: float
     joint_positions: FloatArray
@@ -167,13 +157,10 @@ class Phase(Enum):
 
 @dataclass
 class _Visit:
-    """The visit to one example.
+    """The visit to an example: ``joint_positions`` and ``samples`` are measured together.
 
-    Attributes:
-        target: ``(dof,)`` [rad or m]; of continuous joints full turns from the plan's.
-        motion_time: time in the motion up to the last command [s].
-        held_back: delay of the motion by the lag of the robot [s].
-        joint_positions: measured together with them.
+    Continuous joints of ``target`` are full turns from the plan's. Times [s]: in the motion up to
+    the last command, delay by the lag of the robot, and end of the phase.
     """
 
     row: int
@@ -273,9 +260,7 @@ class Collector:
     def on_pose(self, now: float, pose: FloatArray) -> None:
         """Add a measured pose ``(7,)``, checked and in the base frame; ignored while moving.
 
-        Raises:
-            CollectionStopped: if too many examples fail in a row.
-            NotWritable: if the journal can't be written.
+        Its errors are those of :meth:`tick`.
         """
         visit = self._visit
         if visit is None or self.phase is not Phase.MEASURING:

@@ -80,10 +80,9 @@ def open_journal(dataset: Path, plan: Dataset, samples: int) -> CollectionJourna
 
 
 class CollectionJournal:
-    """The journal of a plan, locked for this process alone. Use as a context manager, or close.
+    """The journal of a plan, locked for this process alone; a context manager, or to be closed.
 
-    Attributes:
-        order: the rows of the plan in the order to visit them; None before :meth:`begin`.
+    ``order``: the rows of the plan in the order to visit them; None before :meth:`begin`.
     """
 
     def __init__(self, path: Path, plan: Dataset, samples: int) -> None:
@@ -166,9 +165,7 @@ class CollectionJournal:
         self.examples[example.row] = example
 
     def reload(self) -> None:
-        """Read the examples from the file again.
-
-        After an interruption, which may come between the record of an example and its entry here.
+        """Read the examples again: an interruption may follow a record before its entry here.
 
         Raises:
             DamagedRecord: if a line was altered.
@@ -177,10 +174,7 @@ class CollectionJournal:
         self._read()
 
     def dataset(self) -> Dataset:
-        """The measured examples in the order of the plan, with its joint positions.
-
-        It does not depend on the order in which they were measured.
-        """
+        """The measured examples, with their joint positions, in the order of the plan."""
         plan = self.plan
         measured = [self.examples[row] for row in sorted(self.examples)]
         kept = np.isin(np.arange(len(plan)), list(self.examples))

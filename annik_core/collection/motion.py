@@ -39,10 +39,7 @@ class JointMotion:
         self.duration = math.fsum(line.duration for line in self._lines)
 
     def joint_positions_at(self, time: float) -> FloatArray:
-        """The joint positions ``(dof,)`` [rad or m] at ``time`` [s] after the start.
-
-        Before the start the first waypoint, after the end the last one, exactly.
-        """
+        """Joint positions ``(dof,)`` [rad or m] at ``time`` [s]; outside the motion, its ends."""
         # The parts of a sum that was rounded may leave a remainder at the end.
         remaining = time if time < self.duration else math.inf
         for line in self._lines:
@@ -89,10 +86,8 @@ class _Line:
 class Approach(NamedTuple):
     """A path to joint positions, or why there is none.
 
-    Attributes:
-        waypoints: ``(m, dof)`` from start to target, with straight lines between them [rad or m];
-            None if there is no allowed path.
-        violation: why the direct line is not allowed, or None.
+    ``waypoints`` ``(m, dof)`` [rad or m] lead to the target on straight lines; None if none do.
+    ``violation`` is why the direct line is not allowed, or None.
     """
 
     waypoints: FloatArray | None

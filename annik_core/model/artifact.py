@@ -60,9 +60,8 @@ _DOUBLE = np.dtype(np.float64)
 class Model:
     """A checked model file, ready to run.
 
-    Attributes:
-        after_features: the part of the graph after the encoding, for one pose; None where plain
-            floats do not compute that encoding.
+    ``after_features`` is the part of the graph after the encoding, for one pose; None where plain
+    floats do not compute that encoding.
     """
 
     path: Path
@@ -175,11 +174,7 @@ def read_model_file(path: Path) -> bytes:
 
 
 def checked_model(content: bytes, path: Path) -> Model:
-    """All checks of :func:`load_model` on the bytes of a file, which need not exist yet.
-
-    Raises:
-        ModelError: see there.
-    """
+    """All checks of :func:`load_model` on the bytes of a file, which need not exist yet."""
     graph = parsed_graph(content, path)
     check_graph(graph, path)
     metadata = ModelMetadata.from_properties(graph_properties(graph, path), path)

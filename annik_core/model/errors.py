@@ -20,11 +20,7 @@ class ModelError(AnnikError):
 
 
 class ModelNotFound(ModelError):
-    """There is no such file.
-
-    Attributes:
-        known: the packaged models, those of the nearest names first.
-    """
+    """There is no such file; ``known``: the packaged models, those of the nearest names first."""
 
     def __init__(self, path: Path, known: Sequence[str]) -> None:
         self.known = tuple(known)
@@ -41,11 +37,7 @@ class UnreadableModel(ModelError):
 
 
 class UnsupportedFormat(ModelError):
-    """The file is of another format version.
-
-    Attributes:
-        convertible: whether ``annik convert`` makes a readable file of it.
-    """
+    """The file is of another format version; ``annik convert`` may make a readable file of it."""
 
     def __init__(
         self, path: Path, found: str, supported: Sequence[str], *, convertible: bool
@@ -64,10 +56,9 @@ class UnsupportedFormat(ModelError):
 
 
 class InvalidGraph(ModelError):
-    """The graph has a part that no model has, or weights that are not finite numbers.
+    """A part of the graph is one that no model has, or its weights are not finite.
 
-    Attributes:
-        part: name of the operator, the tensor, the attribute, or ``input`` or ``output``.
+    ``part`` names an operator, a tensor, an attribute, or is ``input`` or ``output``.
     """
 
     def __init__(self, path: Path, part: str, problem: str) -> None:
@@ -76,11 +67,7 @@ class InvalidGraph(ModelError):
 
 
 class InvalidMetadata(ModelError):
-    """A metadata entry is missing, has the wrong form, or contradicts the graph or another entry.
-
-    Attributes:
-        key: of the entry, without the prefix ``annik.``.
-    """
+    """A metadata entry is missing, has the wrong form, or contradicts the graph or another one."""
 
     def __init__(self, path: Path, key: str, problem: str) -> None:
         self.key = key

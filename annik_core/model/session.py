@@ -52,10 +52,7 @@ def make_session(content: bytes, path: Path) -> onnxruntime.InferenceSession:
 
 
 class BoundSession:
-    """A session bound to memory for one row of inputs and one row of outputs.
-
-    Not for several threads at once: both rows are memory of this object.
-    """
+    """A session bound to memory for one row of inputs and outputs; not for several threads."""
 
     def __init__(
         self, session: onnxruntime.InferenceSession, names: tuple[str, str], sizes: tuple[int, int]

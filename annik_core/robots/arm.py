@@ -186,9 +186,7 @@ def _check_placement(pin: Any, model: Any, data: Any, frame: int) -> None:
 class ArmWorkspace:
     """A ball that contains every reachable position.
 
-    Attributes:
-        centre: ``(3,)`` origin of the first joint in the base frame [m].
-        reach: largest distance of the end effector from it [m].
+    Its centre ``(3,)`` is the origin of the first joint in the base frame; in [m].
     """
 
     centre: FloatArray

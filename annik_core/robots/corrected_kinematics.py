@@ -69,10 +69,7 @@ class PoseCorrectedKinematics(ForwardKinematics):
 class WrappedKinematics(ForwardKinematics):
     """Forward kinematics that are the same after a full turn of a continuous joint.
 
-    Corrections are known in one turn only.
-
-    Attributes:
-        centre: ``(dof,)`` middle of the turn that they are known in.
+    Corrections are known in one turn only; ``centre`` ``(dof,)`` is its middle.
     """
 
     kinematics: ForwardKinematics

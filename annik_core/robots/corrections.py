@@ -167,11 +167,7 @@ class ErrorBound(_ScaledPart):
     """A bound of the pose error that holds for 95 of 100 poses.
 
     Its logarithm is quadratic in ``x``, the joint positions scaled to their box: ``coefficients``
-    times (1, x_i, x_i x_j for i <= j).
-
-    Attributes:
-        coefficients: ``(2, 1 + dof + dof (dof + 1) / 2)``: of the distance [m] and of the angle
-            [rad].
+    times (1, x_i, x_i x_j for i <= j), one row for the distance [m] and one for the angle [rad].
     """
 
     coefficients: FloatArray
@@ -215,9 +211,6 @@ class ArmCorrections:
     Attributes:
         placements: ``(dof + 1, 7)`` small motions, as poses, of all links that follow: the first
             before the first joint, in the base frame; number i after the i-th joint, in its frame.
-        joint_networks: corrections of the joint positions, or None.
-        pose_network: a correction of the end effector's pose, or None.
-        error_bound: the error that is left, or None if unknown.
         provenance: from which measurements they were found, and how; JSON data.
     """
 

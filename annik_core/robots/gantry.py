@@ -120,11 +120,7 @@ class GantryKinematics(ForwardKinematics):
 
 @dataclass(frozen=True, eq=False)
 class GantryWorkspace:
-    """The box of task coordinates that the joint box reaches.
-
-    Attributes:
-        lower: ``(6,)`` least x, y, z [m], roll, pitch, yaw [rad].
-    """
+    """The box of task coordinates, ``(6,)`` in [m] and [rad], that the joint box reaches."""
 
     kinematics: GantryKinematics
     lower: FloatArray

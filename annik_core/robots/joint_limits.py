@@ -16,11 +16,7 @@ from annik_core.robots.errors import InvalidRobotDefinition
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """One closed interval per joint.
-
-    Attributes:
-        upper: ``(dof,)`` [rad or m], at least ``lower``. Equal bounds lock a joint.
-    """
+    """One closed interval per joint, bounds ``(dof,)`` [rad or m]; equal bounds lock a joint."""
 
     joint_names: tuple[str, ...]
     lower: FloatArray

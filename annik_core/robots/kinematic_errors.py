@@ -91,10 +91,7 @@ def geometric_errors(kinematics: ArmKinematics) -> tuple[GeometricError, ...]:
 def placements_of(
     errors: Sequence[GeometricError], amounts: Sequence[float] | FloatArray, dof: int
 ) -> FloatArray:
-    """The motions ``(dof + 1, 7)`` of errors, in their order, by amounts [rad or m].
-
-    See :class:`annik_core.robots.corrections.ArmCorrections`.
-    """
+    """The motions ``(dof + 1, 7)`` of errors, in their order, by amounts [rad or m]."""
     from scipy.spatial.transform import Rotation
 
     motions = np.tile(np.eye(4), (dof + 1, 1, 1))

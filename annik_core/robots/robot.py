@@ -66,10 +66,7 @@ class ForwardKinematics(Protocol):
         ...
 
     def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
-        """Error to one target pose ``(7,)`` and its derivative at joint positions ``(dof,)``.
-
-        By default from :meth:`poses` and :meth:`jacobians`.
-        """
+        """Error to one target pose ``(7,)`` and its derivative at joint positions ``(dof,)``."""
         achieved = self.poses(joint_positions[np.newaxis])[0]
         position, rotation = single_pose_difference(target, achieved)
         # From the base frame's axes to the end effector's.
@@ -83,10 +80,7 @@ class ForwardKinematics(Protocol):
         )
 
     def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
-        """Distance [m] and angle [rad] to one target pose ``(7,)`` at joint positions ``(dof,)``.
-
-        By default from :meth:`linearise`.
-        """
+        """Distance [m] and angle [rad] to one target pose ``(7,)`` at joint positions."""
         return self.linearise(joint_positions, target).residuals
 
 
@@ -222,11 +216,7 @@ def _sha256(definition: Mapping[str, Any]) -> str:
 
 
 def check_joint_count(joint_positions: FloatArray, joint_names: tuple[str, ...]) -> None:
-    """Refuse an array that is not ``(n, dof)``.
-
-    Raises:
-        WrongShape: naming the joints.
-    """
+    """Refuse an array that is not ``(n, dof)``, as :class:`WrongShape`."""
     if joint_positions.ndim != 2 or joint_positions.shape[1] != len(joint_names):
         expected = f"(n, {len(joint_names)}), one column for each of {', '.join(joint_names)}"
         raise WrongShape("joint positions", joint_positions.shape, expected)

@@ -44,9 +44,7 @@ class PathResult:
 class IkServer:
     """Solves targets one after the other, each from the last command that was accepted.
 
-    Attributes:
-        solver: solves the targets; another for the same robot may take its place at any time.
-        safety: limits on targets and commands; may be replaced at any time.
+    Solver, for the same robot, and safety may be replaced at any time.
     """
 
     def __init__(

@@ -25,11 +25,7 @@ class JointStateFault(Enum):
 
 
 class MeasuredPositions(NamedTuple):
-    """The newest usable position of every joint.
-
-    Attributes:
-        arrival: when the oldest of them arrived [s, monotonic clock].
-    """
+    """The newest usable position of every joint [rad or m], and the earliest arrival [s]."""
 
     arrival: float
     joint_positions: FloatArray

@@ -1,7 +1,4 @@
-"""The node that simulates a robot, perfect or imperfect, and publishes its tracking error.
-
-It neither publishes nor logs the errors of an imperfect robot.
-"""
+"""The node that simulates a robot and publishes its tracking error, never its imperfections."""
 
 from __future__ import annotations
 

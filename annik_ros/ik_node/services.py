@@ -6,11 +6,7 @@ from typing import NamedTuple
 
 
 class Service(NamedTuple):
-    """A service.
-
-    Attributes:
-        name: private to the node.
-    """
+    """A service, private to the node."""
 
     name: str
     type: str
