@@ -103,7 +103,7 @@ class Parameter:
         return allowed
 
     def checked(self, value: object) -> ParameterValue:
-        """:meth:`setting_value` as ROS holds it, such as an integer as the double that it means."""
+        """:meth:`setting_value` as ROS holds it, such as an integer as the double it means."""
         return self._held(self.setting_value(value))
 
     @property
