@@ -26,6 +26,14 @@ def _of(what: str, values: dict[str, str]) -> dict[str, str]:
     return {key.format(what=what): meaning for key, meaning in values.items()}
 
 
+_JOINT_STATES = {
+    "joint states received": "since the configuration, usable or not",
+    "joint states of other joints": "of these, those that name no joint of the robot",
+    "joint states unusable: FAULT": "of these, those with a malformed message, not one position "
+    "per name, a joint named twice or a position not finite; listed once it has occurred",
+    "measured joint positions": "known, or why not",
+}
+
 #: Key to meaning, by node.
 DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
     "ik_node": {
@@ -38,6 +46,7 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "mode": "network or refined",
         "forward kinematics": "as described, or learned from how many measured poses: those of "
         "the residuals",
+        **_JOINT_STATES,
         "solve time p50 [us]": "time to solve a target, of the last thousand: median",
         "solve time p99 [us]": "99th percentile",
         "solve time max [us]": "longest",
@@ -75,6 +84,7 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "examples skipped": "that can't be reached inside the workspace box",
         "measurements repeated": "that were refused",
         "time left [s]": "at the mean rate so far; empty before the first example",
+        **_JOINT_STATES,
         **_of("pose", _COUNTS),
         **_of("pose", _LAST),
     },

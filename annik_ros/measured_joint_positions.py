@@ -29,7 +29,7 @@ class MeasuredJointPositions:
     def __init__(self, node: Node, joint_names: tuple[str, ...], timeout: float) -> None:
         self.joints = MeasuredJoints(joint_names, timeout)
         self._node = node
-        self._reported: set[JointStateFault] = set()
+        self._said: set[JointStateFault | None] = set()
         self._subscription = node.create_subscription(
             JointState, JOINT_STATES.name, self._on_message, _JOINT_STATES_QOS, raw=True
         )
@@ -46,6 +46,26 @@ class MeasuredJointPositions:
         """The newest position of every joint, or None if one is unknown or too old."""
         return self.joints.newest(time.monotonic())
 
+    def missing(self) -> str | None:
+        """Why :meth:`newest` is None although joint states arrive, as the end of a sentence."""
+        return self.joints.missing(time.monotonic())
+
+    def diagnostic_values(self) -> dict[str, str]:
+        """Counts of the joint states, and whether the joint positions are known."""
+        joints = self.joints
+        unusable = {
+            f"joint states unusable: {fault.value}": str(count)
+            for fault, count in joints.faults.items()
+            if count
+        }
+        unknown = self.missing() or "no joint states"
+        return {
+            "joint states received": str(joints.received),
+            "joint states of other joints": str(joints.foreign),
+            **unusable,
+            "measured joint positions": "known" if self.newest() else unknown,
+        }
+
     @property
     def topic_name(self) -> str:
         """The resolved name of the topic."""
@@ -57,18 +77,23 @@ class MeasuredJointPositions:
 
     def _on_message(self, data: bytes) -> None:
         arrival = time.monotonic()
+        fault: JointStateFault | None
         try:
             message = joint_positions_from_bytes(data)
         except MalformedMessage as error:
-            fault, problem = self.joints.malformed(arrival, str(error)), str(error)
+            fault = self.joints.malformed(arrival, str(error))
         else:
-            found = self.joints.update(arrival, message.names, message.positions)
-            if found is None:
-                return
-            fault, problem = found, self.joints.last_fault
-        if fault not in self._reported:
-            self._reported.add(fault)
+            fault = self.joints.update(arrival, message.names, message.positions)
+        if fault is not None:
+            self._say_once(fault, f"a joint state can't be used: {self.joints.last_fault}")
+        elif self.joints.stays_unknown(arrival):
+            self._say_once(
+                None, f"the joint positions are unknown: {self.joints.missing(arrival)}"
+            )
+
+    def _say_once(self, fault: JointStateFault | None, text: str) -> None:
+        if fault not in self._said:
+            self._said.add(fault)
             self._node.get_logger().warning(
-                f"{self.topic_name}: a joint state can't be used ({problem}); such are counted "
-                "in /diagnostics"
+                f"{self.topic_name}: {text}; said once, and counted in /diagnostics"
             )

@@ -52,7 +52,8 @@ class MeasuredJoints:
         self._positions = np.full(len(self._joint_names), math.nan)
         self._arrivals = [-math.inf] * len(self._joint_names)
         self._foreign_names: tuple[str, ...] = ()
-        self._last_arrival = -math.inf
+        self._last_arrival = self._last_fault_arrival = -math.inf
+        self._unknown_since: float | None = None
         self.last_fault = ""
 
     def update(
@@ -63,8 +64,13 @@ class MeasuredJoints:
         A message without any position, such as one of velocities alone, is ignored.
         ``arrival``: on a monotonic clock [s].
         """
-        self.received += 1
-        self._last_arrival = arrival
+        fault = self._merge(arrival, names, positions)
+        self._note_arrival(arrival)
+        return fault
+
+    def _merge(
+        self, arrival: float, names: Sequence[str], positions: Sequence[float]
+    ) -> JointStateFault | None:
         if not positions:
             return None
         own = [name for name in names if name in self._index]
@@ -74,10 +80,11 @@ class MeasuredJoints:
             return None
         if len(names) != len(positions):
             counts = f"{len(names)} names but {len(positions)} positions"
-            return self._at_fault(JointStateFault.LENGTHS, counts)
+            return self._at_fault(arrival, JointStateFault.LENGTHS, counts)
         if len(set(own)) != len(own):
             repeated = sorted({name for name in own if own.count(name) > 1})
-            return self._at_fault(JointStateFault.REPEATED, f"{_listed(repeated)} named twice")
+            problem = f"{_listed(repeated)} named twice"
+            return self._at_fault(arrival, JointStateFault.REPEATED, problem)
         bad = []
         for name, position in zip(names, positions, strict=True):
             index = self._index.get(name)
@@ -88,13 +95,13 @@ class MeasuredJoints:
                 self._arrivals[index] = arrival
             else:
                 bad.append(f"{name} at {position}")
-        return self._at_fault(JointStateFault.NOT_FINITE, _listed(bad)) if bad else None
+        return self._at_fault(arrival, JointStateFault.NOT_FINITE, _listed(bad)) if bad else None
 
     def malformed(self, arrival: float, problem: str) -> JointStateFault:
         """Count a message whose bytes are not those of a joint state."""
-        self.received += 1
-        self._last_arrival = arrival
-        return self._at_fault(JointStateFault.MALFORMED, problem)
+        fault = self._at_fault(arrival, JointStateFault.MALFORMED, problem)
+        self._note_arrival(arrival)
+        return fault
 
     def newest(self, now: float) -> MeasuredPositions | None:
         """The position of every joint; None if one is unknown or older than the timeout."""
@@ -125,9 +132,28 @@ class MeasuredJoints:
         age, name = now - oldest, self._joint_names[self._arrivals.index(oldest)]
         return f"{name} was measured {age:.3g} s ago, more than {self.timeout:.3g} s{fault}"
 
-    def _at_fault(self, fault: JointStateFault, problem: str) -> JointStateFault:
+    def stays_unknown(self, now: float) -> bool:
+        """Whether messages without a fault came for longer than the timeout, and are not enough.
+
+        Args:
+            now: time [s, monotonic clock].
+        """
+        since = self._unknown_since
+        if since is None or now - self._last_fault_arrival <= self.timeout:
+            return False
+        return now - since > self.timeout
+
+    def _note_arrival(self, arrival: float) -> None:
+        self.received += 1
+        self._last_arrival = arrival
+        if arrival - min(self._arrivals) <= self.timeout:
+            self._unknown_since = None
+        elif self._unknown_since is None:
+            self._unknown_since = arrival
+
+    def _at_fault(self, arrival: float, fault: JointStateFault, problem: str) -> JointStateFault:
         self.faults[fault] += 1
-        self.last_fault = problem
+        self.last_fault, self._last_fault_arrival = problem, arrival
         return fault
 
     def _prefix(self) -> str:

@@ -160,8 +160,10 @@ class ExampleCollector(Node):
     def _missing(self, no_joint_states: bool) -> tuple[str, ...]:
         """What is missing, in words."""
         joints = ", ".join(self._robot.joint_names)
+        fault = self._measured.missing() if no_joint_states else None
+        reason = f" ({fault})" if fault else ""
         conditions = (
-            (no_joint_states, f"{self._measured.topic_name} that has {joints}"),
+            (no_joint_states, f"{self._measured.topic_name} that has {joints}{reason}"),
             (not self._has_pose, f"{self.resolve_topic_name(MEASURED_POSE.name)} of use"),
             (
                 self._publisher.get_subscription_count() == 0,
@@ -180,7 +182,8 @@ class ExampleCollector(Node):
     def _tick(self) -> None:
         newest = self._measured.newest()
         measured = None if newest is None else MeasuredJoints(*newest)
-        self._publish(self._collector.tick(time.monotonic(), measured))
+        fault = self._measured.missing() if measured is None else None
+        self._publish(self._collector.tick(time.monotonic(), measured, fault))
         if self._collector.phase is Phase.DONE:
             self.destroy_timer(self._timer)
             queue = self._collector.queue
@@ -245,6 +248,7 @@ class ExampleCollector(Node):
             "examples skipped": str(len(collector.queue.skipped)),
             "measurements repeated": str(collector.repeated),
             "time left [s]": "" if left is None else f"{left:.0f}",
+            **self._measured.diagnostic_values(),
         }
         return outcome_report("pose", self._counts.end_period(now), self._robot.name, values)
 

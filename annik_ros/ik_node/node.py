@@ -301,7 +301,13 @@ class IkNode(ManagedNode):
             "target",
             summary.outcomes,
             artifact.robot.name,
-            {**state, **model, **time_values(summary), **expected_error_values(summary)},
+            {
+                **state,
+                **model,
+                **self._serving.measured.diagnostic_values(),
+                **time_values(summary),
+                **expected_error_values(summary),
+            },
             self.options.command_safety.expected_rate if self._active else 0.0,
         )
 
