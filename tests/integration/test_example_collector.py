@@ -13,6 +13,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from support.client import reported_keys
 from support.collection_plans import small_plan
 from support.processes import PATIENCE, wait_until
 
@@ -196,6 +197,83 @@ def test_a_silent_robot_ends_the_collection_and_a_new_start_goes_on(
     assert (load_dataset(measured).joint_positions == plan.joint_positions).all()
 
 
+class _Drivers:
+    """Pass the joint states of a fake robot on in two parts, between messages of a gripper."""
+
+    def __init__(self, client: Any, grippers: int) -> None:
+        self.parts = [slice(0, 3), slice(3, 6)]
+        self._grippers = grippers
+        self._publisher = client.node.create_publisher(
+            JointState, "joint_states", QoSProfile(depth=1000)
+        )
+        client.node.create_subscription(
+            JointState, "whole_joint_states", self._pass_on, QoSProfile(depth=1)
+        )
+
+    def _pass_on(self, message: JointState) -> None:
+        for part in self.parts:
+            names, positions = message.name[part], message.position[part].tolist()
+            self._publisher.publish(JointState(name=names, position=positions))
+            for _ in range(self._grippers):
+                self._publisher.publish(JointState(name=["finger_joint"], position=[0.02]))
+
+
+def _robot_in_parts(launch: Callable[..., Any]) -> None:
+    given = {"robot": "ur5e", "imperfection_seed": SEED, "measurement_rate": 50.0, **NOISELESS}
+    launch("fake_robot", *_arguments(given), "-r", "joint_states:=whole_joint_states")
+
+
+def test_joint_states_in_parts_beside_a_busy_gripper_are_a_whole_robot(
+    launch: Callable[..., Any],
+    start_collector: Callable[..., Any],
+    client: Any,
+    plan: Dataset,
+    tmp_path: Path,
+) -> None:
+    _robot_in_parts(launch)
+    _Drivers(client, grippers=10)
+    collector = start_collector(tmp_path / "measured.npz")
+    client.wait_until(lambda: not collector.is_running, "the collector ends")
+    assert collector.wait_for_exit() == 0, collector.log
+    assert (load_dataset(tmp_path / "measured.npz").joint_positions == plan.joint_positions).all()
+    assert "/joint_states: " not in collector.log
+
+
+def test_a_part_of_the_joints_that_falls_silent_ends_the_collection(
+    launch: Callable[..., Any], start_collector: Callable[..., Any], client: Any, tmp_path: Path
+) -> None:
+    """Naming the first of them, though others are reported and a gripper is busy."""
+    _robot_in_parts(launch)
+    drivers = _Drivers(client, grippers=10)
+    measured = tmp_path / "measured.npz"
+    collector = start_collector(measured, measurement_timeout=3.0)
+    client.wait_until(
+        lambda: _measured(measured) >= 2 or not collector.is_running, "two examples measured"
+    )
+    drivers.parts = [slice(0, 3)]
+    client.wait_until(lambda: not collector.is_running, "the collector ends")
+    fatal = _fatal(collector)
+    assert "stopped: no joint states for 3" in fatal
+    assert "wrist_1_joint was measured" in fatal
+    assert 2 <= len(load_dataset(measured)) < EXAMPLES
+
+
+def test_joint_states_of_other_names_are_said_once_and_when_it_gives_up(
+    start_collector: Callable[..., Any], client: Any, plan: Dataset, tmp_path: Path
+) -> None:
+    collector = start_collector(
+        tmp_path / "measured.npz", wait_timeout=10.0, measurement_timeout=0.5
+    )
+    states = client.node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
+    names = [f"left_{name}" for name in plan.robot.joint_names]
+    message = JointState(name=names, position=[0.0] * 6)
+    client.node.create_timer(0.02, lambda: states.publish(message))
+    client.wait_until(lambda: not collector.is_running, "the collector gives up")
+    assert "with the prefix 'left_'" in _fatal(collector)
+    (warning,) = [line for line in collector.log.splitlines() if "/joint_states: " in line]
+    assert "with the prefix 'left_'" in warning
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_with_what_there_is(
     start_robot: Callable[..., Any],
@@ -314,6 +392,8 @@ def test_poses_of_no_use_are_refused_and_counted_and_all_is_reported_as_document
         now = stamp_from_nanoseconds(next(stamps) if stamp is None else stamp)
         centre = robot.joint_box.centre
         states.publish(joint_state_from_array(centre, robot.joint_names, now))
+        # A name without a position.
+        states.publish(JointState(name=robot.joint_names, position=[0.0]))
         poses.publish(pose_stamped_from_array(pose, now, frame))
 
     def refused(reason: str) -> Callable[[dict[str, str]], bool]:
@@ -341,8 +421,7 @@ def test_poses_of_no_use_are_refused_and_counted_and_all_is_reported_as_document
         "a repeated stamp",
     )
     _, values = client.status("example_collector")
-    keys = {"refused: REASON" if key.startswith("refused: ") else key for key in values}
-    assert keys == set(DIAGNOSTIC_VALUES["example_collector"])
+    assert reported_keys(values) == set(DIAGNOSTIC_VALUES["example_collector"])
 
     documented = {f"/{topic.name.lstrip('/')}": topic.type for topic in TOPICS}
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from support.client import reported_keys
+
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import IkStatus
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES
@@ -31,12 +35,19 @@ def test_both_nodes_report_what_is_documented(launch: Callable[..., Any], client
     unusable.position[0] = float("nan")
     unusable.header.stamp = stamp_from_nanoseconds(1)
     client.command.publish(unusable)
-    for node, refused in (("ik_node", "targets refused"), ("fake_robot", "commands refused")):
+    # Without a position for each name.
+    states = client.node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
+    client.wait_until(states.get_subscription_count, "ik_node listens")
+    states.publish(JointState(name=unusable.name, position=[0.0]))
+    fault = "joint states unusable: not one position per name"
+    for node, expected in (
+        ("ik_node", {"refused: outside workspace", fault}),
+        ("fake_robot", {"refused: not finite"}),
+    ):
         _, values = client.wait_for_status(
-            node, lambda values, refused=refused: int(values[refused]) > 0, refused
+            node, lambda values, expected=expected: expected <= values.keys(), str(expected)
         )
-        keys = {"refused: REASON" if key.startswith("refused: ") else key for key in values}
-        assert keys == set(DIAGNOSTIC_VALUES[node])
+        assert reported_keys(values) == set(DIAGNOSTIC_VALUES[node])
 
 
 def test_both_nodes_have_the_topics_and_services_that_are_documented(

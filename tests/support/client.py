@@ -32,6 +32,20 @@ from annik_core.pose import FloatArray
 from msg_tools.conversions.pose import pose_from_array, pose_stamped_from_array
 from msg_tools.conversions.stamp import stamp_from_nanoseconds, stamp_to_nanoseconds
 
+#: Beginnings of keys in diagnostics that are listed once they occur, and how they are documented.
+_OCCASIONAL = {
+    "refused: ": "refused: REASON",
+    "joint states unusable: ": "joint states unusable: FAULT",
+}
+
+
+def reported_keys(values: Mapping[str, str]) -> set[str]:
+    """The keys of a diagnostic report, as they are documented."""
+    return {
+        next((named for start, named in _OCCASIONAL.items() if key.startswith(start)), key)
+        for key in values
+    }
+
 
 class Client:
     """Sends targets as a user would, and keeps what the nodes publish."""
