@@ -53,7 +53,7 @@ class IkNodeParameters:
     command_safety: CommandSafety = parameters_of(CommandSafety, read_only=False)
     measurement_timeout: float = parameter(
         0.5,
-        "Measured joint positions older than this are ignored.",
+        "How long the measured position of a joint counts after its arrival.",
         unit="s",
         minimum=1e-3,
         maximum=3600.0,

@@ -115,6 +115,41 @@ def test_a_repeated_joint_of_another_device_is_no_fault(measured: MeasuredJoints
     assert positions(measured, 0.0) == [1.0, 2.0, 3.0]
 
 
+class TestStaysUnknown:
+    """Messages of use come for longer than the timeout, and a joint is not among them."""
+
+    def told(self, measured: MeasuredJoints, *messages: tuple[float, list[str]]) -> list[float]:
+        """When it holds, of messages at these times with these joints."""
+        times = []
+        for time, names in messages:
+            measured.update(time, names, [0.1] * len(names))
+            if measured.stays_unknown(time):
+                times.append(time)
+        return times
+
+    def test_of_other_names_after_the_timeout(self, measured: MeasuredJoints) -> None:
+        others = [(0.2 * count, ["left_elbow"]) for count in range(6)]
+        assert self.told(measured, *others) == pytest.approx([0.6, 0.8, 1.0])
+
+    def test_not_of_joints_that_come_in_parts(self, measured: MeasuredJoints) -> None:
+        parts = [(0.1 * count, [NAMES[count % 3]]) for count in range(20)]
+        assert self.told(measured, *parts) == []
+
+    def test_not_of_an_arm_that_is_slower_than_the_timeout(self, measured: MeasuredJoints) -> None:
+        """Unless others come between for so long."""
+        arm = [(float(count), list(NAMES)) for count in range(5)]
+        assert self.told(measured, *arm) == []
+        gripper = [(5.0 + 0.1 * count, ["finger"]) for count in range(12)]
+        assert self.told(measured, *gripper) == pytest.approx([5.6, 5.7, 5.8, 5.9, 6.0, 6.1])
+        assert self.told(measured, (6.2, list(NAMES)), (6.3, ["finger"])) == []
+
+    def test_not_while_a_fault_explains_it(self, measured: MeasuredJoints) -> None:
+        for step in range(20):
+            measured.update(0.1 * step, NAMES, [1.0])
+            assert not measured.stays_unknown(0.1 * step)
+        assert self.told(measured, (2.3, ["finger"]), (2.5, ["finger"])) == [2.5]
+
+
 def test_a_prefix_is_named(measured: MeasuredJoints) -> None:
     measured.update(0.0, [f"left_{name}" for name in NAMES], [1.0, 2.0, 3.0])
     reason = str(measured.missing(0.0))
