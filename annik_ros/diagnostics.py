@@ -32,12 +32,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class DiagnosticReport:
-    """The report of a node.
-
-    Attributes:
-        hardware_id: the robot.
-        values: further values, as text by key.
-    """
+    """The report of a node; ``hardware_id`` is its robot."""
 
     level: Level
     message: str

@@ -142,10 +142,7 @@ def failure(error: AnnikError) -> Actions:
 def ends_the_launch(
     node: str, *, may_end: bool = True
 ) -> Callable[[ProcessExited, LaunchContext], Actions | None]:
-    """What to do when a node ends: end everything, with exit code 1 unless its own is 0.
-
-    If it ``may_end``, exit code 0 is no failure.
-    """
+    """What to do when a node ends: end all, with exit code 1 unless it may end and its is 0."""
 
     def on_exit(event: ProcessExited, context: LaunchContext) -> Actions | None:
         from launch.actions import Shutdown

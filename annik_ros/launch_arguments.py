@@ -24,12 +24,7 @@ _SETTINGS = {row.name: row.setting for row in parameter_table(TargetPublisherPar
 
 
 class Argument(NamedTuple):
-    """An argument of a launch file.
-
-    Attributes:
-        default: as text; empty: not given.
-        check: the value for the name and the text; raises :class:`InvalidValue`.
-    """
+    """An argument of a launch file; ``check`` may raise an :class:`InvalidValue`."""
 
     default: str
     meaning: str

@@ -157,9 +157,8 @@ def noise_of_averages(
 ) -> tuple[float, float] | None:
     """Standard deviations of averaged poses, pooled over ``square_sums`` of all averages.
 
-    Returns:
-        Of each coordinate of the position [m], and of the orientation as a rotation vector
-        [rad]; None if unknown, with one sample of each pose.
+    Of each coordinate of the position [m], and of the orientation as a rotation vector [rad]; None
+    if unknown, with one sample of each pose.
     """
     freedom = sum(samples - 1 for samples, _ in averages)
     if freedom <= 0:

@@ -13,11 +13,7 @@ from annik_core.settings import check_settings, setting, upper_limit
 
 @dataclass(frozen=True)
 class CollectionSettings:
-    """How a collector moves, waits, measures and gives up.
-
-    Raises:
-        InvalidValue: if a setting is out of range or contradicts another.
-    """
+    """How a collector moves, waits, measures and gives up; see :func:`check_settings`."""
 
     command_rate: float = setting(
         100.0,

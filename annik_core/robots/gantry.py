@@ -59,9 +59,8 @@ _ROLL, _PITCH, _YAW = 3, 4, 5
 class GantryKinematics(ForwardKinematics):
     """Forward and inverse kinematics of the gantry, eq. (1)-(4).
 
-    Attributes:
-        ratio: ``(6,)`` task coordinate per drive angle; [m/rad] and [rad/rad].
-        offset: ``(6,)`` task coordinates at drive angle zero; [m] and [rad].
+    ``ratio`` ``(6,)`` is task coordinate per drive angle [m/rad], [rad/rad]; ``offset`` ``(6,)``
+    are the task coordinates at drive angle zero [m], [rad].
     """
 
     joint_names: tuple[str, ...]

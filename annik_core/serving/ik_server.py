@@ -94,15 +94,8 @@ class IkServer:
     ) -> PathResult:
         """Solve a path of targets ``(n, 7)``, unchecked, as one, and count it as one.
 
-        Every pose is checked as a single target is, from the one before it. The path begins at the
-        last command.
-
-        Args:
-            poses: one or more, at most ``max_poses``, which bounds the time.
-            interval: time between two poses, and from the last command to the first [s].
-            max_poses: see above.
-            frame_id: as for :meth:`solve`.
-            age: as for :meth:`solve`.
+        Every pose is checked as by :meth:`solve`, from the one before it, the first from the last
+        command; ``interval`` [s] is the time between two of them. ``max_poses`` bounds the time.
         """
         results = self._follow(poses, interval, max_poses, frame_id, age)
         if isinstance(results, IkResult):

@@ -28,11 +28,9 @@ from annik_core.settings import Setting, check_settings, setting, settings_of, s
 
 @dataclass(frozen=True, eq=False)
 class PeriodicTransmissionError(JointCorrection):
-    """``actual = q + amplitude * sin(q + phase)``, each joint for itself.
+    """``actual = q + amplitude * sin(q + phase)``, each joint for itself, arrays ``(dof,)`` [rad].
 
-    Attributes:
-        amplitude: ``(dof,)`` [rad]; less than 1, or a joint would turn backwards.
-        phase: ``(dof,)`` [rad].
+    The amplitude is less than 1, or a joint would turn backwards.
     """
 
     amplitude: FloatArray
@@ -306,11 +304,7 @@ def _check_keys(data: object, what: str, known: Collection[str], source: str) ->
 
 @dataclass(frozen=True)
 class ImperfectionMagnitudes:
-    """Magnitudes of random imperfections; by default about those of an arm as delivered.
-
-    Raises:
-        InvalidValue: naming the magnitude, its value and what is allowed.
-    """
+    """Magnitudes of random imperfections; by default about those of an arm as delivered."""
 
     joint_zero_error: float = size(
         math.radians(0.5),

@@ -11,11 +11,7 @@ from annik_core.settings import check_settings, setting
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """When a refinement ends.
-
-    Raises:
-        InvalidValue: naming the option and what is allowed.
-    """
+    """When a refinement ends; see :func:`annik_core.settings.check_settings`."""
 
     max_newton_steps: int = setting(
         10,

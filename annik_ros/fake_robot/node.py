@@ -48,11 +48,6 @@ class FakeRobotNode(Node):
     """Moves to every valid command at once, and publishes the resulting pose."""
 
     def __init__(self) -> None:
-        """Load the robot and wait for commands.
-
-        Raises:
-            AnnikError: if a parameter, the model or the robot can't be used.
-        """
         super().__init__(NODE_NAME)
         parameters = declare_parameters(self, FakeRobotParameters)
         robot = _load(parameters)

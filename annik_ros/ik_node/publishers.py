@@ -62,11 +62,7 @@ class MessageTemplate:
 
 
 def _serialized(message: Any) -> bytes:
-    """The bytes of a message without padding at the end.
-
-    After an empty array the middleware adds alignment bytes with arbitrary content, which strict
-    readers refuse.
-    """
+    """The bytes of a message without padding at the end, which strict readers refuse."""
     data: bytes = serialize_message(message)
     while _reads_as(data[:-1], message):
         data = data[:-1]
