@@ -77,11 +77,7 @@ class AppendLog:
         self._records.append(dict(record))
 
     def reload(self) -> None:
-        """Read the records from the file again.
-
-        Raises:
-            DamagedRecord: if a line was altered.
-        """
+        """Read the records from the file again; raise DamagedRecord if a line was altered."""
         self._records, self._size = self._read()
 
     def damaged(self, line: int, problem: str) -> DamagedRecord:

@@ -41,11 +41,7 @@ def read_regular_file(path: Path, most: int) -> bytes:
 
 
 def ensure_writable_folder(folder: Path) -> None:
-    """Create a folder if it is missing, and check that files can be written there.
-
-    Raises:
-        NotWritable: if not.
-    """
+    """Create a folder if it is missing; raise NotWritable if no files can be written there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

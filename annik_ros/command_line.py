@@ -20,11 +20,7 @@ class UnknownArgument(AnnikError):
 
 
 def check_arguments(arguments: Sequence[str]) -> None:
-    """Refuse what ROS would ignore, or take for the name of a topic as ROS 1 did.
-
-    Raises:
-        UnknownArgument: if there is anything outside ``--ros-args ... --``.
-    """
+    """Raise UnknownArgument for what ROS would ignore, or take for a topic as ROS 1 did."""
     others, for_ros = [], False
     for argument in arguments:
         if argument == "--ros-args":

@@ -44,11 +44,7 @@ class Launch:
         self._namespace = [part for part in namespace.split("/") if part]
 
     def file_parameters(self, *nodes: str) -> dict[str, Any]:
-        """What the parameter file has for any of these nodes.
-
-        Raises:
-            AnnikError: if there is a file, but it has nothing for them.
-        """
+        """What the parameter file has for any of these nodes; raise AnnikError if nothing."""
         file = self.values["params_file"]
         names = ["/" + "/".join([*self._namespace, node]) for node in nodes]
         return node_parameters(file, names) if file else {}

@@ -32,11 +32,7 @@ class Argument(NamedTuple):
 
 
 def checked_arguments(values: Mapping[str, str]) -> dict[str, Any]:
-    """The values of arguments for their texts.
-
-    Raises:
-        AnnikError: naming the first that is not allowed.
-    """
+    """The values of arguments for their texts; raise AnnikError for the first not allowed."""
     checked = {name: ARGUMENTS[name].check(name, text) for name, text in values.items()}
     if checked.get("path") is PathKind.CSV:
         TargetPath(path=PathKind.CSV, csv_file=checked["csv_file"]).poses()
@@ -44,11 +40,7 @@ def checked_arguments(values: Mapping[str, str]) -> dict[str, Any]:
 
 
 def check_names(given: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse an argument ``NAME:=VALUE`` whose name is nearly a known one; launch ignores it.
-
-    Raises:
-        InvalidValue: naming both.
-    """
+    """Raise InvalidValue for ``NAME:=VALUE`` of nearly a known name, which launch ignores."""
     for name in (text.partition(":=")[0] for text in given if ":=" in text):
         near = get_close_matches(name, known, n=1, cutoff=0.7)
         if name not in known and near:

@@ -126,11 +126,7 @@ class CollectionJournal:
         return len(self.examples) == len(self.plan)
 
     def begin(self, order: Sequence[int], settings: CollectionSettings) -> None:
-        """Write the header: the order and what identifies the collection.
-
-        Raises:
-            NotWritable: if it can't be written.
-        """
+        """Write the header, or raise NotWritable: the order and what identifies the collection."""
         self._log.append(
             {
                 **self._identity,

@@ -45,11 +45,7 @@ _TENSOR_TYPES = (
 
 
 def parsed_graph(content: bytes, path: Path) -> onnx.ModelProto:
-    """Parse the bytes of a model file.
-
-    Raises:
-        UnreadableModel: if they are not ONNX, or truncated.
-    """
+    """Parse the bytes of a model file; raise UnreadableModel if not ONNX, or truncated."""
     try:
         model = onnx.load_model_from_string(content)
     # The protobuf library's DecodeError has moved between its versions.
@@ -61,11 +57,7 @@ def parsed_graph(content: bytes, path: Path) -> onnx.ModelProto:
 
 
 def check_graph(model: onnx.ModelProto, path: Path) -> None:
-    """Refuse whatever other checks can't see into, and numbers that are not finite.
-
-    Raises:
-        InvalidGraph: naming the part.
-    """
+    """Raise InvalidGraph for what other checks can't see into, and for numbers not finite."""
     if model.functions:
         raise InvalidGraph(path, model.functions[0].name, "is a function of its own")
     for sparse in model.graph.sparse_initializer:
@@ -81,11 +73,7 @@ def check_graph(model: onnx.ModelProto, path: Path) -> None:
 
 
 def graph_properties(model: onnx.ModelProto, path: Path) -> dict[str, str]:
-    """The metadata properties of a file.
-
-    Raises:
-        InvalidMetadata: if there are two of one name.
-    """
+    """The metadata properties of a file; raise InvalidMetadata if two have one name."""
     properties: dict[str, str] = {}
     for entry in model.metadata_props:
         if entry.key in properties:

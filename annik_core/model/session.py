@@ -26,11 +26,7 @@ _SIX_DOUBLES = struct.Struct("6d").pack
 
 
 def make_session(content: bytes, path: Path) -> onnxruntime.InferenceSession:
-    """An onnxruntime session that neither spins nor starts threads; ``path`` is for errors.
-
-    Raises:
-        UnreadableModel: if onnxruntime refuses the graph.
-    """
+    """A session that neither spins nor starts threads; raise UnreadableModel for a bad graph."""
     options = onnxruntime.SessionOptions()
     # For one small network threads only add latency, and spinning ones take a whole core.
     options.intra_op_num_threads = 1

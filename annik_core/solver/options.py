@@ -11,7 +11,7 @@ from annik_core.settings import check_settings, setting
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """When a refinement ends; see :func:`annik_core.settings.check_settings`."""
+    """When a refinement ends."""
 
     max_newton_steps: int = setting(
         10,

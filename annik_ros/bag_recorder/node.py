@@ -76,11 +76,7 @@ class BagRecorder(Node):
         self._subscribe_to_known_types()
 
     def close_bag(self) -> str:
-        """Close the bag; returns one line on what was recorded.
-
-        Raises:
-            NotWritable: if the disk refuses.
-        """
+        """Close the bag; returns one line on what was recorded, or raises NotWritable."""
         self._writer.close()
         return f"recorded {self._writer.message_count} messages to {self._writer.directory}"
 
