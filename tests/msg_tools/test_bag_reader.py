@@ -117,8 +117,10 @@ def test_altered_bytes_are_never_an_unforeseen_error(
     path = tmp_path / "altered.mcap"
     path.write_bytes(content)
     try:
-        for record in read_bag(path).records():
-            assert record.type == POINT
+        bag = read_bag(path)
+        for record in bag.records():
+            # An altered length makes a chunk look cut: that is said, and its bytes are unchecked.
+            assert record.type == POINT or bag.damage
     except BagNotReadable:
         pass
 
