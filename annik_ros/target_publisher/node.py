@@ -109,10 +109,7 @@ class TargetPublisher(Node):
     def _wait_for_others(self) -> None:
         found = self._publisher.get_subscription_count()
         wanted = self._options.wait_for_subscribers
-        publishers = {
-            subscription.topic_name: subscription.get_publisher_count()
-            for subscription in self._result_subscriptions.values()
-        }
+        publishers = self._publishers_of_results()
         others = (found, *publishers.values())
         now = time.monotonic()
         if others != self._others:
@@ -123,15 +120,27 @@ class TargetPublisher(Node):
             if not (wanted or publishers) or now >= self._settled_at:
                 self._begin()
         elif now > self._deadline:
-            counts = [f"{found} of {wanted} subscribers on {self._publisher.topic_name}"]
-            counts += [
-                f"{count} of 1 publishers on {topic}" for topic, count in publishers.items()
-            ]
-            raise NotInTime(
-                ", ".join(counts),
-                self._options.wait_timeout,
-                "is ik_node running, once, in the same namespace and ROS_DOMAIN_ID?",
-            )
+            raise self._others_missing()
+
+    def _publishers_of_results(self) -> dict[str, int]:
+        return {
+            subscription.topic_name: subscription.get_publisher_count()
+            for subscription in self._result_subscriptions.values()
+        }
+
+    def _others_missing(self) -> NotInTime:
+        found = self._publisher.get_subscription_count()
+        wanted = self._options.wait_for_subscribers
+        counts = [f"{found} of {wanted} subscribers on {self._publisher.topic_name}"]
+        counts += [
+            f"{count} of 1 publishers on {topic}"
+            for topic, count in self._publishers_of_results().items()
+        ]
+        return NotInTime(
+            ", ".join(counts),
+            self._options.wait_timeout,
+            "is ik_node running, once, in the same namespace and ROS_DOMAIN_ID?",
+        )
 
     def _begin(self) -> None:
         self.destroy_timer(self._timer)
@@ -168,6 +177,9 @@ class TargetPublisher(Node):
             )
 
     def _wait_for_results(self) -> None:
+        # The second robot may have been discovered after the first target.
+        if any(count > 1 for count in self._publishers_of_results().values()):
+            raise self._others_missing()
         results = {
             subscription.topic_name: self._results[topic]
             for topic, subscription in self._result_subscriptions.items()
