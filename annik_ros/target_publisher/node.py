@@ -41,7 +41,7 @@ POLL_PERIOD = 0.02
 #: Time without a new subscriber before the first target [s]. Discovery finds subscribers one by
 #: one, and each is known here before this publisher is known there: targets published in between
 #: arrive all at once, and a subscriber of depth 1 keeps only the newest.
-SETTLING_TIME = 1.5
+SETTLING_TIME = 4.0
 #: Longest wait for the confirmation of the last targets [s].
 DELIVERY_TIMEOUT = 10.0
 #: Time without a further result, after which no more are expected [s].
