@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from annik_core.dataset import Dataset, load_dataset, save_dataset
     from annik_core.errors import AnnikError
-    from annik_core.model.artifact import Model, load_model, packaged_models
+    from annik_core.installation import packaged_models
+    from annik_core.model.artifact import Model, load_model
     from annik_core.robots.library import load_robot, packaged_robots
     from annik_core.robots.robot import Robot
     from annik_core.safety import AcceptanceLimits, CommandSafety, IkStatus
@@ -57,7 +58,7 @@ _MODULES = {
     "load_dataset": "dataset",
     "load_model": "model.artifact",
     "load_robot": "robots.library",
-    "packaged_models": "model.artifact",
+    "packaged_models": "installation",
     "packaged_robots": "robots.library",
     "save_dataset": "dataset",
 }

@@ -81,19 +81,18 @@ class NotWritable(AnnikError):
 class InUse(AnnikError):
     """Another process writes to a file."""
 
-    def __init__(
-        self, path: Path, remedy: str = "wait until that process ends, or give another file"
-    ) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        super().__init__(f"{path} is in use by another process: {remedy}")
+        super().__init__(
+            f"{path} is in use by another process: wait until that process ends, or give another "
+            "file"
+        )
 
 
 class DamagedRecord(AnnikError):
     """A line of an append-only log, counted from 1, is damaged."""
 
-    def __init__(
-        self, path: Path, line: int, problem: str, remedy: str = "delete this line"
-    ) -> None:
+    def __init__(self, path: Path, line: int, problem: str, remedy: str) -> None:
         self.path = path
         self.line = line
         self.problem = problem

@@ -1,4 +1,4 @@
-"""The installed version, and the folder of the packaged robots, models and configuration."""
+"""The installed version; where the packaged robots, models and configuration are."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from annik_core.errors import AnnikError
+from annik_core.files import expanded
 
 
 def share_directory() -> Path:
@@ -31,6 +32,23 @@ def share_directory() -> Path:
         f"no share/annik_ros folder above {module}: the installation is incomplete, "
         "install annik_ros again"
     )
+
+
+def default_model_path() -> Path:
+    """The packaged model of the gantry."""
+    return share_directory() / "models" / "gantry.onnx"
+
+
+def packaged_models() -> tuple[str, ...]:
+    """Names of the models that come with annik."""
+    return tuple(sorted(path.stem for path in (share_directory() / "models").glob("*.onnx")))
+
+
+def model_path(name_or_path: str | Path) -> Path:
+    """The file of a packaged model, by its name, or the path itself if it is not such a name."""
+    if str(name_or_path) in packaged_models():
+        return share_directory() / "models" / f"{name_or_path}.onnx"
+    return expanded(name_or_path)
 
 
 def nearest_first(name: str, known: Iterable[str]) -> tuple[str, ...]:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
-from itertools import pairwise
 
 import numpy as np
 
 from annik_core.errors import InvalidValue
 from annik_core.pose import FloatArray, roll_pitch_yaw
 from annik_core.robots.robot import Robot
-from annik_core.safety import CommandSafety
-from annik_core.settings import check_settings
+from annik_core.safety import CommandSafety, largest_step_beyond
 from annik_core.solver.ik_solver import IkSolver
 from annik_core.target_paths import PathKind, TargetPath
 
@@ -50,10 +48,8 @@ def reachable_path(path: TargetPath, solver: IkSolver) -> FloatArray:
     0.2 m; the diagonal is straight in joint space.
 
     Raises:
-        AnnikError: if a setting is out of range, a file can't be used, or no path of this kind
-            can be followed.
+        AnnikError: if a file can't be used, or no path of this kind can be followed.
     """
-    check_settings(path)
     default = TargetPath(path=path.path)
     if path.path is PathKind.CSV or _suits(_poses(default), solver):
         return path.poses()
@@ -111,15 +107,13 @@ def _poses(path: TargetPath) -> FloatArray:
 
 def _suits(poses: FloatArray, solver: IkSolver) -> bool:
     """Whether every pose is solved, from the start on and without jumps."""
-    positions = [start_positions(solver.robot)]
+    before = start_positions(solver.robot)
     for pose in poses:
-        result = solver.solve(pose)
-        if result.joint_positions is None:
+        found = solver.solve(pose).joint_positions
+        if found is None or largest_step_beyond(_LARGEST_STEP, solver.robot, found, before):
             return False
-        positions.append(result.joint_positions)
-    return all(
-        np.abs(after - before).max() <= _LARGEST_STEP for before, after in pairwise(positions)
-    )
+        before = found
+    return True
 
 
 def _no_path(kind: PathKind, solver: IkSolver) -> InvalidValue:

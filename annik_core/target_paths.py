@@ -184,13 +184,15 @@ class TargetPath:
         (0.5, 0.5, 0.5), "For circle: orientation, about the fixed x, y, z axes.", unit="rad"
     )
 
+    def __post_init__(self) -> None:
+        check_settings(self)
+
     def poses(self) -> FloatArray:
         """The targets ``(n, 7)``.
 
         Raises:
-            AnnikError: if a setting is out of range, or the file can't be used.
+            AnnikError: if the file can't be used.
         """
-        check_settings(self)
         if self.path is PathKind.LINE:
             start = pose_from_roll_pitch_yaw(
                 self.line_from_position, self.line_from_roll_pitch_yaw

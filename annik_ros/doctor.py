@@ -12,13 +12,8 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
 from annik_core.errors import AnnikError, MissingDependency
-from annik_core.installation import VERSION
-from annik_core.model.artifact import (
-    default_model_path,
-    load_model,
-    model_path,
-    packaged_models,
-)
+from annik_core.installation import VERSION, default_model_path, model_path, packaged_models
+from annik_core.model.artifact import load_model
 
 #: Required by the nodes.
 _LIBRARIES = ("numpy", "scipy", "onnx", "onnxruntime", "mcap", "rosbags")

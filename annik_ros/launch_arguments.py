@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from annik_core.errors import InvalidValue
-from annik_core.installation import share_directory
+from annik_core.installation import model_path, packaged_models
 from annik_core.target_paths import PathKind, TargetPath
 from annik_ros.parameters import parameter_table
 from annik_ros.target_publisher.parameters import TargetPublisherParameters
@@ -87,9 +87,8 @@ def _as_expression(pattern: str) -> str:
 
 
 def _model(name: str, text: str) -> str:
-    packaged = sorted(path.stem for path in (share_directory() / "models").glob("*.onnx"))
-    if text and text not in packaged and not Path(text).expanduser().is_file():
-        allowed = f"the path of a model file, or one of {', '.join(packaged)}"
+    if text and not model_path(text).is_file():
+        allowed = f"the path of a model file, or one of {', '.join(packaged_models())}"
         raise InvalidValue(name, text, allowed)
     return text
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, checked_pose, pose_difference
 from annik_core.solver.ik_solver import IkSolver
 from benchmarks.command_line import (

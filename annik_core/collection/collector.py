@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from annik_core.collection.visiting_order import visiting_order
 from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.safety import largest_step_beyond, measured_violation
+from annik_core.serving.measured_joints import MeasuredPositions
 
 
 class StopCause(Enum):
@@ -126,13 +127,6 @@ _LONGEST_STEP = 2.0
 _FULL_PACE, _NO_PACE = 0.5, 0.9
 
 
-class MeasuredJoints(NamedTuple):
-    """Joint positions and the time [s] when the oldest of them arrived, on the caller's clock."""
-
-    time: float
-    joint_positions: FloatArray
-
-
 class Log(Protocol):
     """Receives progress messages, such as the logger of a node."""
 
@@ -192,7 +186,7 @@ class Collector:
         self._begun = 0.0
         self._done_before = len(journal.examples)
         self._last_tick = 0.0
-        self._measured: MeasuredJoints | None = None
+        self._measured: MeasuredPositions | None = None
         self._silence = 0.0
         self._visit: _Visit | None = None
         self._command = self._robot.joint_box.centre
@@ -202,7 +196,7 @@ class Collector:
         """The last command ``(dof,)`` [rad or m]; before the first one, the measured positions."""
         return self._command
 
-    def begin(self, now: float, measured: MeasuredJoints) -> None:
+    def begin(self, now: float, measured: MeasuredPositions) -> None:
         """Begin at the measured joint positions.
 
         The first time, the order of the examples is chosen and written to the journal.
@@ -236,7 +230,7 @@ class Collector:
         self._go_to_next(now)
 
     def tick(
-        self, now: float, measured: MeasuredJoints | None, fault: str | None = None
+        self, now: float, measured: MeasuredPositions | None, fault: str | None = None
     ) -> FloatArray:
         """The next command: joint positions ``(dof,)`` [rad or m], the last one to stand still.
 
@@ -277,11 +271,11 @@ class Collector:
         remaining = len(self.journal.plan) - len(self.journal.examples)
         return (now - self._begun) / done * remaining
 
-    def _watch(self, measured: MeasuredJoints) -> None:
+    def _watch(self, measured: MeasuredPositions) -> None:
         """Check measured joint positions against the previous ones and against the command."""
         before, positions = self._measured, measured.joint_positions
         self._measured = measured
-        if before is None or measured.time != before.time:
+        if before is None or measured.arrival != before.arrival:
             self._silence = 0.0
         # Joints in other messages than the oldest may have moved.
         elif np.array_equal(positions, before.joint_positions):
@@ -307,7 +301,7 @@ class Collector:
         visit = self._visit
         if visit is None or self.phase not in (Phase.SETTLING, Phase.MEASURING):
             return
-        visit.settling.update(measured.time, robot.unwrapped(positions, visit.target))
+        visit.settling.update(measured.arrival, robot.unwrapped(positions, visit.target))
         if self.phase is Phase.MEASURING:
             visit.joint_positions.append(positions)
 

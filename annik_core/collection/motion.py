@@ -40,13 +40,13 @@ class JointMotion:
 
     def joint_positions_at(self, time: float) -> FloatArray:
         """Joint positions ``(dof,)`` [rad or m] at ``time`` [s]; outside the motion, its ends."""
-        # The parts of a sum that was rounded may leave a remainder at the end.
-        remaining = time if time < self.duration else math.inf
-        for line in self._lines:
-            # The sum of the durations is rounded: at its end a last tiny line is over too.
-            if remaining < line.duration and time < self.duration:
-                return line.joint_positions_at(max(remaining, 0.0))
-            remaining -= line.duration
+        # Rounding of the sum may leave a remainder at the end, so the duration decides.
+        if time < self.duration:
+            remaining = time
+            for line in self._lines:
+                if remaining < line.duration:
+                    return line.joint_positions_at(max(remaining, 0.0))
+                remaining -= line.duration
         last: FloatArray = self.waypoints[-1]
         return last
 

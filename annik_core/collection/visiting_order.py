@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from annik_core.pose import FloatArray
-from annik_core.robots.robot import FULL_TURN
+from annik_core.robots.robot import unwrapped
 
 #: A smaller gain than this is rounding [rad or m].
 _ROUNDING = 1e-12
@@ -25,12 +25,9 @@ def visiting_order(
     if len(joint_positions) == 0:
         return ()
     points = np.vstack([start, joint_positions])
-    travel = np.zeros((len(points), len(points)))
-    for number, joint in enumerate(points.T):
-        distance = joint[:, np.newaxis] - joint
-        if number in turning:
-            distance -= FULL_TURN * np.round(distance / FULL_TURN)
-        np.maximum(travel, np.abs(distance), out=travel)
+    travel = np.array(
+        [np.abs(unwrapped(points - point, 0.0, turning)).max(axis=1) for point in points]
+    )
     given = np.arange(len(points))
     shortened = (_without_detours(way, travel) for way in (_nearest_neighbours(travel), given))
     best = min(shortened, key=lambda way: float(travel[way[:-1], way[1:]].sum()))

@@ -13,8 +13,8 @@ import onnx
 import onnxruntime
 
 from annik_core.errors import MissingDependency, RobotMismatch
-from annik_core.files import expanded, read_regular_file
-from annik_core.installation import nearest_first, share_directory
+from annik_core.files import read_regular_file
+from annik_core.installation import model_path, nearest_first, packaged_models
 from annik_core.model.errors import (
     InvalidGraph,
     InvalidMetadata,
@@ -109,23 +109,6 @@ class Model:
 
     def _failed(self, reason: str) -> NetworkFailed:
         return NetworkFailed(self.path, f"the network fails ({reason})")
-
-
-def default_model_path() -> Path:
-    """The packaged model of the gantry."""
-    return share_directory() / "models" / "gantry.onnx"
-
-
-def packaged_models() -> tuple[str, ...]:
-    """Names of the models that come with annik."""
-    return tuple(sorted(path.stem for path in (share_directory() / "models").glob("*.onnx")))
-
-
-def model_path(name_or_path: str | Path) -> Path:
-    """The file of a packaged model, by its name, or the path itself if it is not such a name."""
-    if str(name_or_path) in packaged_models():
-        return share_directory() / "models" / f"{name_or_path}.onnx"
-    return expanded(name_or_path)
 
 
 def load_model(path: str | Path, expected_robot: Robot | None = None) -> Model:

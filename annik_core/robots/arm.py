@@ -29,6 +29,7 @@ from annik_core.robots.robot import (
     ResolvedTarget,
     Robot,
     check_joint_count,
+    turning_joints,
 )
 from annik_core.robots.urdf import SerialChain, serial_chain
 
@@ -311,7 +312,7 @@ def _corrected(
         corrected = JointCorrectedKinematics(corrected, corrections.joint_networks)
     if corrections is not None and corrections.pose_network is not None:
         corrected = PoseCorrectedKinematics(corrected, corrections.pose_network)
-    turning = [joint for joint, kind in enumerate(chain.joint_types) if kind == "continuous"]
+    turning = turning_joints(chain.joint_types)
     if corrected is not kinematics and turning:
         return WrappedKinematics(corrected, box.centre, turning)
     return corrected

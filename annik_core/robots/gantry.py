@@ -33,6 +33,7 @@ from annik_core.robots.definition import checked_name, checked_numbers
 from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
+    FULL_TURN,
     ForwardKinematics,
     ResolvedTarget,
     Robot,
@@ -51,7 +52,6 @@ GIMBAL_TOLERANCE = 1e-5
 GIMBAL_TILT = 1e-7
 
 _HALF_PI = 0.5 * np.pi
-_FULL_TURN = 2.0 * np.pi
 _ROLL, _PITCH, _YAW = 3, 4, 5
 
 
@@ -182,9 +182,9 @@ def _tilted_off_the_edge(
     # At the edge only this combination turns the end effector; it is known up to full turns.
     combined = yaw - side * roll
     wanted = reference[2] - side * reference[0]
-    nearest = combined + _FULL_TURN * np.round((wanted - combined) / _FULL_TURN)
+    nearest = combined + FULL_TURN * np.round((wanted - combined) / FULL_TURN)
     candidates = []
-    for turned in nearest + _FULL_TURN * np.array([0.0, -1.0, 1.0]):
+    for turned in nearest + FULL_TURN * np.array([0.0, -1.0, 1.0]):
         candidate_roll = reference[0] - side * 0.5 * (turned - wanted)
         # The rolls that keep both angles inside, yaw being turned + side * roll.
         yaw_bounds = sorted((side * (lower[2] - turned), side * (upper[2] - turned)))

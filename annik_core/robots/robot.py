@@ -89,6 +89,11 @@ FULL_TURN = 2.0 * math.pi
 TURN_TOLERANCE = 1e-9
 
 
+def turning_joints(joint_types: Sequence[str]) -> list[int]:
+    """Indices of the continuous joints."""
+    return [joint for joint, kind in enumerate(joint_types) if kind == "continuous"]
+
+
 def unwrapped(
     joint_positions: FloatArray, reference: FloatArray | float, turning: Sequence[int]
 ) -> FloatArray:
@@ -168,7 +173,7 @@ class Robot:
     @cached_property
     def turning(self) -> list[int]:
         """Indices of the continuous joints."""
-        return [joint for joint, kind in enumerate(self.joint_types) if kind == "continuous"]
+        return turning_joints(self.joint_types)
 
     def difference(self, to: FloatArray, start: FloatArray) -> FloatArray:
         """``to - start``, each ``(..., dof)``; of a continuous joint the shorter way around."""

@@ -16,7 +16,6 @@ from sensor_msgs.msg import JointState
 from annik_core.collection.collector import (
     CollectionIncomplete,
     Collector,
-    MeasuredJoints,
     Phase,
     duration_in_words,
 )
@@ -25,6 +24,7 @@ from annik_core.dataset import load_dataset, save_dataset
 from annik_core.errors import AnnikError, NonFiniteValue, NotUnitQuaternion
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.robot import Robot
+from annik_core.serving.measured_joints import MeasuredPositions
 from annik_core.serving.stamps import LAST_STAMP
 from annik_core.serving.statistics import OutcomeCounts
 from annik_ros.declare_parameters import declare_parameters
@@ -155,7 +155,7 @@ class ExampleCollector(Node):
                 f"others publish {topic} too, or did a moment ago: end them, such "
                 "as an ik_node, or the robot gets two commands at a time"
             )
-        self._begin(MeasuredJoints(*measured))
+        self._begin(measured)
 
     def _missing(self, no_joint_states: bool) -> tuple[str, ...]:
         """What is missing, in words."""
@@ -172,7 +172,7 @@ class ExampleCollector(Node):
         )
         return tuple(what for is_missing, what in conditions if is_missing)
 
-    def _begin(self, measured: MeasuredJoints) -> None:
+    def _begin(self, measured: MeasuredPositions) -> None:
         self.destroy_timer(self._timer)
         self._collector.begin(time.monotonic(), measured)
         self._timer = self.create_timer(
@@ -180,8 +180,7 @@ class ExampleCollector(Node):
         )
 
     def _tick(self) -> None:
-        newest = self._measured.newest()
-        measured = None if newest is None else MeasuredJoints(*newest)
+        measured = self._measured.newest()
         fault = self._measured.missing() if measured is None else None
         self._publish(self._collector.tick(time.monotonic(), measured, fault))
         if self._collector.phase is Phase.DONE:

@@ -17,6 +17,7 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from annik_core.errors import AnnikError, ConversionError
+from annik_core.installation import default_model_path, model_path
 from annik_core.robots.robot import Robot
 from annik_core.safety import IkStatus
 from annik_core.serving.ik_server import IkServer
@@ -322,8 +323,6 @@ def _kinematics(robot: Robot) -> str:
 
 
 def _model_path(options: IkNodeParameters) -> Path:
-    from annik_core.model.artifact import default_model_path, model_path
-
     return model_path(options.model) if options.model else default_model_path()
 
 

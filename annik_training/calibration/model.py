@@ -283,7 +283,7 @@ class ParametricModel:
     ) -> FloatArray:
         """Derivatives ``(n, 6, p)``, to first order in the small motions."""
         network = self._pose_network(pose)
-        scaled = (joint_positions - network.centre) / network.half_width
+        scaled = network.scaled(joint_positions)
         active = network.activations(joint_positions)
         count = len(joint_positions)
         by_bias = network.output_weights * (1.0 - active**2)[:, None, :]

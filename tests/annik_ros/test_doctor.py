@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from support.processes import run_python
 
-from annik_core.model import artifact
+from annik_core.installation import default_model_path
 from annik_ros import doctor
 from annik_ros.doctor import Finding, Verdict
 
@@ -52,7 +52,7 @@ def test_a_missing_library_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_spoiled_model_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """By name, with what is wrong with the file."""
     path = tmp_path / "gantry.onnx"
-    path.write_bytes(artifact.default_model_path().read_bytes()[:500])
+    path.write_bytes(default_model_path().read_bytes()[:500])
     monkeypatch.setattr(doctor, "model_path", lambda _: path)
     findings = list(doctor.check_models())
     assert all(finding.verdict is Verdict.BAD for finding in findings)

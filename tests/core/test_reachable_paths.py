@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from annik_core.errors import InvalidValue
-from annik_core.model.artifact import packaged_models
+from annik_core.installation import packaged_models
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.reachable_paths import reachable_path, start_positions
 from annik_core.robots.library import load_robot

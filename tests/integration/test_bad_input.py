@@ -13,7 +13,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 from annik_core.robots.library import load_robot
 from msg_tools.conversions.joint_state import joint_state_from_array

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 
 

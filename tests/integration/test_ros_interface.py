@@ -37,9 +37,18 @@ def test_both_nodes_report_what_is_documented(launch: Callable[..., Any], client
     client.command.publish(unusable)
     # Without a position for each name.
     states = client.node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
-    client.wait_until(states.get_subscription_count, "ik_node listens")
-    states.publish(JointState(name=unusable.name, position=[0.0]))
     fault = "joint states unusable: not one position per name"
+
+    def fault_is_counted() -> bool:
+        reported = client.status("ik_node")
+        return reported is not None and fault in reported[1]
+
+    # What is published before the node has discovered the publisher is lost.
+    client.repeat_until(
+        lambda: states.publish(JointState(name=unusable.name, position=[0.0])),
+        fault_is_counted,
+        "ik_node counts what it can't use",
+    )
     for node, expected in (
         ("ik_node", {"refused: outside workspace", fault}),
         ("fake_robot", {"refused: not finite"}),

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from annik_core.model.artifact import load_model, model_path
+from annik_core.installation import model_path
+from annik_core.model.artifact import load_model
 from annik_core.robots.corrections import ArmCorrections, ErrorBound
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot

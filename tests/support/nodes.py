@@ -20,7 +20,8 @@ from pathlib import Path
 import onnx
 import pytest
 
-from annik_core.model.artifact import default_model_path, load_model
+from annik_core.installation import default_model_path
+from annik_core.model.artifact import load_model
 from annik_core.robots.library import robot_from_definition
 from support.processes import Process
 

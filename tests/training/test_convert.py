@@ -15,7 +15,8 @@ from click.testing import CliRunner
 from onnx import numpy_helper
 
 from annik_core.errors import NotWritable
-from annik_core.model.artifact import default_model_path, load_model
+from annik_core.installation import default_model_path
+from annik_core.model.artifact import load_model
 from annik_core.model.errors import InvalidMetadata, ModelNotFound, UnsupportedFormat
 from annik_core.model.session import make_session
 from annik_training.cli import cli

@@ -14,7 +14,8 @@ import torch
 
 from annik_core.dataset import Dataset
 from annik_core.errors import NotWritable
-from annik_core.model.artifact import default_model_path, load_model
+from annik_core.installation import default_model_path
+from annik_core.model.artifact import load_model
 from annik_core.robots.robot import Robot
 from annik_training.designs.sampling import generate_dataset, random_dataset
 from annik_training.evaluation import evaluation_dataset, network_errors

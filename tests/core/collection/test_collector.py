@@ -18,7 +18,6 @@ from annik_core.collection.collector import (
     CollectionStopped,
     Collector,
     ExampleQueue,
-    MeasuredJoints,
     Phase,
     StopCause,
     duration_in_words,
@@ -28,6 +27,7 @@ from annik_core.collection.measurement import Settling
 from annik_core.collection.settings import CollectionSettings
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot
+from annik_core.serving.measured_joints import MeasuredPositions
 
 #: Quick, for a robot that keeps up; in simulated time all the same.
 SETTINGS = CollectionSettings(
@@ -76,7 +76,7 @@ class Simulation:
         self.measure_pose: Callable[[np.ndarray], np.ndarray | None] = lambda pose: pose
         self.lag = lag
         self.period = 1.0 / SETTINGS.command_rate
-        self.last: MeasuredJoints | None = None
+        self.last: MeasuredPositions | None = None
 
     def begin(self) -> None:
         self.listen()
@@ -86,7 +86,7 @@ class Simulation:
     def listen(self) -> None:
         measured = self.measure_joints(self.joints)
         if measured is not None:
-            self.last = MeasuredJoints(self.now, measured)
+            self.last = MeasuredPositions(self.now, measured)
 
     def step(self, period: float | None = None) -> None:
         self.now += self.period if period is None else period

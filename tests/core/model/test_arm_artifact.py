@@ -14,7 +14,8 @@ import pytest
 from support.six_joint_arm import BASE, BOX, FLANGE, URDF
 
 from annik_core.errors import MissingDependency, RobotMismatch
-from annik_core.model.artifact import load_model, model_path, packaged_models
+from annik_core.installation import model_path, packaged_models
+from annik_core.model.artifact import load_model
 from annik_core.model.errors import InvalidMetadata, ModelNotFound
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot

@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
 from annik_core.errors import RobotMismatch
+from annik_core.installation import default_model_path
 from annik_core.model import artifact as artifact_module
 from annik_core.model import errors
-from annik_core.model.artifact import MAX_FILE_SIZE, default_model_path, load_model
+from annik_core.model.artifact import MAX_FILE_SIZE, load_model
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_core.safety import IkStatus

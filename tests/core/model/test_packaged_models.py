@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from annik_core.model.artifact import load_model, packaged_models
+from annik_core.installation import packaged_models
+from annik_core.model.artifact import load_model
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot, packaged_robots
 from annik_core.solver.ik_solver import IkSolver

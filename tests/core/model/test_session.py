@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annik_core.model.artifact import default_model_path, load_model
+from annik_core.installation import default_model_path
+from annik_core.model.artifact import load_model
 from annik_core.model.graph import OPERATORS, nodes_after
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 

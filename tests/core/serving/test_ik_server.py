@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from annik_core.errors import AnnikError
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.model.errors import ModelError
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import AcceptanceLimits, IkStatus

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annik_core.errors import InvalidValue, WrongShape
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, pose_distance, pose_from_roll_pitch_yaw
 from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.library import load_robot

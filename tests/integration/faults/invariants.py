@@ -11,7 +11,8 @@ from std_msgs.msg import Float64MultiArray
 from support.client import Client
 from trajectory_msgs.msg import JointTrajectory
 
-from annik_core.model.artifact import default_model_path, load_model
+from annik_core.installation import default_model_path
+from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray, checked_pose, pose_from_roll_pitch_yaw
 from annik_core.robots.robot import Robot
 from msg_tools.conversions.pose import pose_from_array, pose_to_array

@@ -44,7 +44,7 @@ from sensor_msgs.msg import JointState
 from support.client import Client
 from support.nodes import NodeProcess, reserved_domain
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.target_paths import diagonal_path
 from msg_tools.bags.reader import read_bag

@@ -11,7 +11,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from support.processes import PATIENCE
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray
 from annik_core.solver.ik_solver import IkSolver
 from msg_tools.conversions.joint_state import joint_state_from_array

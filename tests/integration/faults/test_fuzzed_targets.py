@@ -27,7 +27,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.serving.ik_server import IkServer
 from annik_core.solver.ik_solver import IkSolver

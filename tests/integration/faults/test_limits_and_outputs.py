@@ -21,7 +21,7 @@ from invariants import (
 )
 from support.processes import PATIENCE
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray
 from annik_core.solver.ik_solver import IkSolver
 from annik_core.target_paths import diagonal_path

@@ -17,7 +17,7 @@ from invariants import (
 )
 from std_srvs.srv import Trigger
 
-from annik_core.model.artifact import default_model_path
+from annik_core.installation import default_model_path
 
 
 def _truncate(model: Path, _: Path) -> None:

@@ -13,8 +13,8 @@ from click.testing import CliRunner, Result
 from support.processes import run_python
 
 from annik_core.errors import AnnikError
-from annik_core.installation import share_directory
-from annik_core.model.artifact import default_model_path, load_model
+from annik_core.installation import default_model_path, share_directory
+from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from annik_core.settings import settings_of
 from annik_training import cli as cli_package
