@@ -23,20 +23,27 @@ class MissingDependency(AnnikError):
         super().__init__(f"{purpose} needs {library}: {remedy}")
 
 
+def one_line(error: Exception) -> str:
+    """The message of an error without line breaks, which parsers that it quotes write."""
+    return " ".join(str(error).split())
+
+
 _ROS = "source /opt/ros/jazzy/setup.bash in this terminal, or pip install 'annik_ros[ros]'"
-#: What to install, where it is not ``pip install`` with the name that Python imports.
+#: What to install for each library that annik may lack, by the name that Python imports.
 _REMEDIES = {
     "jinja2": "sudo apt install python3-jinja2, or pip install jinja2",
     "matplotlib": "sudo apt install python3-matplotlib, or pip install matplotlib",
     "mcap": "pip install mcap mcap-ros2-support",
     "numpy": "sudo apt install python3-numpy, or pip install numpy",
     "pinocchio": "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio",
-    "rcl_interfaces": _ROS,
-    "builtin_interfaces": _ROS,
-    "rclpy": _ROS,
     "scipy": "sudo apt install python3-scipy, or pip install scipy",
-    "std_srvs": _ROS,
     "yaml": "sudo apt install python3-yaml, or pip install pyyaml",
+    **dict.fromkeys(("builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"), _ROS),
+    **dict.fromkeys(("joblib", "onnxscript", "sympy", "torch"), "pip install '.[training]'"),
+    **{
+        name: f"pip install {name}"
+        for name in ("click", "onnx", "onnxruntime", "rich", "rosbags", "zstandard")
+    },
 }
 
 
@@ -44,16 +51,14 @@ def missing_dependency(error: ImportError, purpose: str) -> MissingDependency:
     """The error for a library that can't be imported, with what to install.
 
     Raises:
-        ImportError: ``error`` itself, if it is about a module of annik.
+        ImportError: ``error`` itself, if it is about anything else, such as a module of annik.
     """
-    library = (error.name or "a library").partition(".")[0]
-    if library.startswith(("annik_", "msg_tools")):
+    library = (error.name or "").partition(".")[0]
+    remedy = _ROS if library.endswith("_msgs") else _REMEDIES.get(library)
+    if remedy is None:
         raise error
-    remedy = _ROS if library.endswith("_msgs") else f"pip install {library}"
-    remedy = _REMEDIES.get(library, remedy)
     if not isinstance(error, ModuleNotFoundError):
-        problem = " ".join(str(error).split())
-        remedy = f"it is installed, but fails ({problem}); install it again: {remedy}"
+        remedy = f"it is installed, but fails ({one_line(error)}); install it again: {remedy}"
     return MissingDependency(library, purpose, remedy)
 
 

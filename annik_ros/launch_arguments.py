@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from annik_core.errors import InvalidValue
+from annik_core.errors import InvalidValue, one_line
 from annik_core.installation import model_path, packaged_models
 from annik_core.target_paths import PathKind, TargetPath
 from annik_ros.parameters import parameter_table
@@ -57,8 +57,8 @@ def node_parameters(file: str, nodes: Sequence[str]) -> dict[str, Any]:
     try:
         content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError) as error:
-        problem = " ".join(str(error).split())
-        raise InvalidValue("params_file", file, f"a file of parameters ({problem})") from error
+        allowed = f"a file of parameters ({one_line(error)})"
+        raise InvalidValue("params_file", file, allowed) from error
     entries = list(_entries(content))
     found = [
         parameters

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from annik_core.errors import AnnikError, missing_dependency
+from annik_core.errors import AnnikError, missing_dependency, one_line
 from annik_ros.command_line import asks_for_help, check_arguments, help_text
 from annik_ros.parameters import ExecutorChoice
 from annik_ros.signals import END_SIGNALS
@@ -154,8 +154,3 @@ def spin(
     finally:
         END_SIGNALS.call(lambda: None)
         executor.shutdown(timeout_sec=0.0)
-
-
-def one_line(error: Exception) -> str:
-    """The message of an error without line breaks."""
-    return " ".join(str(error).split())

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, one_line
 from annik_core.files import ensure_writable_folder, write_files_atomically
 
 ROOT = Path(__file__).parents[1]
@@ -121,6 +121,5 @@ def run(command: click.Command, name: str) -> None:
     try:
         command(prog_name=name)
     except AnnikError as error:
-        # The parsers whose complaints some errors quote write several lines.
-        click.echo(f"annik: {' '.join(str(error).split())}", err=True)
+        click.echo(f"annik: {one_line(error)}", err=True)
         sys.exit(1)

@@ -28,10 +28,10 @@ from rosbags.interfaces import (
     QosTime,
 )
 
-from annik_core.errors import AnnikError, NotWritable
+from annik_core.errors import AnnikError, NotWritable, one_line
 from annik_ros.bag_recorder.parameters import BagRecorderParameters
 from annik_ros.declare_parameters import declare_parameters
-from annik_ros.run_node import one_line, run_node
+from annik_ros.run_node import run_node
 from msg_tools.bags.metadata import is_known_type
 from msg_tools.bags.writer import FLUSH_INTERVAL, BagWriter
 from msg_tools.topics import TOPICS

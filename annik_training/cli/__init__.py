@@ -8,7 +8,7 @@ from importlib import import_module
 
 import click
 
-from annik_core.errors import AnnikError, MissingDependency, missing_dependency
+from annik_core.errors import AnnikError, missing_dependency, one_line
 from annik_core.installation import VERSION
 
 #: Commands in the order of the work, and what ``annik --help`` says of each without loading it.
@@ -24,8 +24,6 @@ COMMANDS: Mapping[str, str] = {
     "doctor": "Check this installation: libraries, ROS 2, models, a target over DDS.",
 }
 _RENAMED = {"fit": "calibrate"}
-#: The extra of setup.py that installs a library which only some commands need.
-_EXTRAS = {name: "training" for name in ("joblib", "onnxscript", "sympy", "torch")}
 
 
 class _LazyGroup(click.Group):
@@ -61,20 +59,13 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line; an error of annik is one line on stderr and exit code 1."""
-    try:
-        _run()
-    except AnnikError as error:
-        # Messages that quote a parser may have several lines.
-        click.echo(f"annik: {' '.join(str(error).split())}", err=True)
-        sys.exit(1)
-
-
-def _run() -> None:
+    problem: Exception
     try:
         cli(standalone_mode=True)
+        return
+    except AnnikError as error:
+        problem = error
     except ImportError as error:
-        library = (error.name or "").partition(".")[0]
-        if library not in _EXTRAS:
-            raise missing_dependency(error, "this command") from error
-        remedy = f"install it with pip install '.[{_EXTRAS[library]}]'"
-        raise MissingDependency(library, "this command", remedy) from error
+        problem = missing_dependency(error, "this command")
+    click.echo(f"annik: {one_line(problem)}", err=True)
+    sys.exit(1)

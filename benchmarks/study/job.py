@@ -6,7 +6,7 @@ import math
 import time
 from dataclasses import dataclass, replace
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, one_line
 from benchmarks.jobs.fit_job import FitJob, FitOutcome, run_fit_job
 
 
@@ -32,7 +32,7 @@ def try_fit_job(job: FitJob) -> FitOutcome | JobFailure:
         outcome = run_fit_job(job)
     # NumPy, SciPy and torch report what can't be solved as ValueError or RuntimeError.
     except (AnnikError, ArithmeticError, ValueError, RuntimeError) as error:
-        return JobFailure(f"{type(error).__name__}: {' '.join(str(error).split())}")
+        return JobFailure(f"{type(error).__name__}: {one_line(error)}")
     if not all(math.isfinite(value) for value in vars(outcome.error).values()):
         return JobFailure("the error of the fitted network is not finite")
     return replace(outcome, seconds=time.process_time() - begin)

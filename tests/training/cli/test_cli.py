@@ -392,11 +392,12 @@ def test_a_missing_library_is_named_with_what_installs_it(
     assert remedy in line
 
 
-def test_only_libraries_are_explained(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A failing import of a module of annik is a fault of annik, and keeps its traceback."""
+@pytest.mark.parametrize("module", ["annik_core.nothing", "nothing"])
+def test_only_known_libraries_are_explained(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
+    """Any other failing import is a fault of annik or of a library, and keeps its traceback."""
 
     def fail() -> None:
-        raise ModuleNotFoundError("No module", name="annik_core.nothing")
+        raise ModuleNotFoundError("No module", name=module)
 
     monkeypatch.setattr(cli_package, "cli", lambda **_: fail())
     with pytest.raises(ModuleNotFoundError) as caught:
