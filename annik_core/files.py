@@ -70,3 +70,11 @@ def write_files_atomically(folder: Path, contents: Mapping[str, bytes]) -> None:
         for path in temporary.values():
             with suppress(OSError):
                 path.unlink(missing_ok=True)
+
+
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file, and its folder if it does not exist; raise NotWritable, naming the path."""
+    ensure_writable_folder(path.parent)
+    write_files_atomically(
+        path.parent, {path.name: content.encode() if isinstance(content, str) else content}
+    )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 
-from annik_core.files import ensure_writable_folder, write_files_atomically
+from annik_core.files import write_file
 from annik_core.installation import VERSION
 from annik_core.model.artifact import checked_model
 from annik_core.model.errors import ModelError
@@ -84,8 +84,7 @@ def write_model(
     content = graph.SerializeToString(deterministic=True)
     prove_export(content, poses, expected, tolerance, path)
     checked_model(content, path)
-    ensure_writable_folder(path.parent)
-    write_files_atomically(path.parent, {path.name: content})
+    write_file(path, content)
 
 
 def prove_export(

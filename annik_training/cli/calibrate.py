@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 import annik_training
-from annik_core.files import ensure_writable_folder
+from annik_core.files import ensure_writable_folder, write_file
 from annik_core.robots.library import load_robot
 from annik_training.cli.options import (
     EVALUATION_POSES,
@@ -23,7 +23,6 @@ from annik_training.cli.options import (
     SEED,
     SUMMARY,
     measured_dataset,
-    write,
 )
 from annik_training.cli.output import print_training
 from annik_training.defaults import defaults_of
@@ -92,7 +91,7 @@ def calibrate(
     )
     print_training(trained)
     if summary is not None:
-        write(summary, json.dumps(calibration_summary(calibrated), indent=2) + "\n")
+        write_file(summary, json.dumps(calibration_summary(calibrated), indent=2) + "\n")
 
 
 def calibration_summary(calibrated: CalibratedRobot) -> dict[str, Any]:

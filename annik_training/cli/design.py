@@ -15,6 +15,7 @@ from rich.table import Table
 
 from annik_core.dataset import Dataset, save_dataset
 from annik_core.errors import InvalidValue
+from annik_core.files import write_file
 from annik_training.cli.options import (
     DEFAULT_DESIGN,
     DESIGN_NAMES,
@@ -23,7 +24,6 @@ from annik_training.cli.options import (
     chosen_dataset,
     design_options,
     robot_options,
-    write,
 )
 from annik_training.cli.plots import png
 from annik_training.designs.diagnostics import DesignDiagnostics, diagnose
@@ -83,8 +83,8 @@ def _check_design(dataset: Dataset, plot: Path) -> None:
         **asdict(diagnostics),
     }
     beside = plot.with_suffix(".json")
-    write(plot, png(figure))
-    write(beside, json.dumps(numbers, indent=2) + "\n")
+    write_file(plot, png(figure))
+    write_file(beside, json.dumps(numbers, indent=2) + "\n")
     click.echo(f"wrote {plot} and {beside}")
 
 

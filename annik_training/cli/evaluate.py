@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from annik_core.errors import AnnikError
+from annik_core.files import write_file
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
 from annik_training.calibration.validation import MeasuredEvaluation, evaluate_measured
@@ -23,7 +24,6 @@ from annik_training.cli.options import (
     SEED,
     SUMMARY,
     measured_dataset,
-    write,
 )
 from annik_training.cli.output import evaluation_table
 from annik_training.cli.plots import before_and_after, error_map
@@ -68,7 +68,7 @@ def evaluate(
     title = f"{loaded.path}: {loaded.robot.name}"
     Console().print(evaluation_table(errors.summary(), title))
     if plot is not None:
-        write(plot, error_map(errors))
+        write_file(plot, error_map(errors))
         click.echo(f"wrote {plot}")
 
 
@@ -106,9 +106,9 @@ def _evaluate_measured(
     evaluation = evaluate_measured(loaded.robot, measured_dataset(measured))
     print_measured(evaluation, f"{loaded.path}: {loaded.robot.name}")
     if summary is not None:
-        write(summary, json.dumps(evaluation_summary(evaluation), indent=2) + "\n")
+        write_file(summary, json.dumps(evaluation_summary(evaluation), indent=2) + "\n")
     if plot is not None:
-        write(plot, before_and_after(evaluation))
+        write_file(plot, before_and_after(evaluation))
         click.echo(f"wrote {plot}")
 
 

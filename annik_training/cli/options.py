@@ -12,7 +12,6 @@ from rich.console import Console
 
 from annik_core.dataset import COMPUTED, Dataset, load_dataset
 from annik_core.errors import InvalidValue
-from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.settings import Setting, settings_of
@@ -147,18 +146,6 @@ def measured_dataset(path: Path) -> Dataset:
     if dataset.source == COMPUTED:
         raise NotMeasured(path)
     return dataset
-
-
-def write(path: Path, content: str | bytes) -> None:
-    """Write a file, and its folder if it does not exist.
-
-    Raises:
-        NotWritable: naming the path.
-    """
-    ensure_writable_folder(path.parent)
-    write_files_atomically(
-        path.parent, {path.name: content.encode() if isinstance(content, str) else content}
-    )
 
 
 def _with_options(command: Any, options: Iterable[Any]) -> Any:

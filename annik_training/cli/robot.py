@@ -12,9 +12,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from annik_core.files import write_file
 from annik_core.robots.robot import Robot
 from annik_core.robots.urdf_joint import CONTINUOUS_LIMIT
-from annik_training.cli.options import FILE, chosen_robot, robot_argument, write
+from annik_training.cli.options import FILE, chosen_robot, robot_argument
 from annik_training.designs.sampling import random_dataset
 from annik_training.fitting.branches import branch_signs, has_branches
 
@@ -49,7 +50,7 @@ def robot(save: Path | None, **choices: Any) -> None:
     console.print(_branches(shown))
     if save is not None:
         text: str = yaml.safe_dump(dict(shown.definition), sort_keys=False)
-        write(save, text)
+        write_file(save, text)
         console.print(f"wrote {escape(str(save))}")
 
 

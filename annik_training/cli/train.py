@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 import annik_training
 from annik_core.dataset import load_dataset
 from annik_core.errors import AnnikError
+from annik_core.files import write_file
 from annik_training.cli.options import (
     DEFAULT_DESIGN,
     DESIGN_NAMES,
@@ -28,7 +29,6 @@ from annik_training.cli.options import (
     design_options,
     fit_options,
     robot_options,
-    write,
 )
 from annik_training.cli.output import print_training
 
@@ -98,7 +98,7 @@ def train(
         )
     print_training(trained)
     if summary is not None:
-        write(summary, json.dumps(_summary(trained), indent=2) + "\n")
+        write_file(summary, json.dumps(_summary(trained), indent=2) + "\n")
 
 
 def _refuse_beside_dataset(*names: str) -> None:
