@@ -28,6 +28,12 @@ def one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names for a message: all, or the first of many; a humanoid's joint states have dozens."""
+    shown = ", ".join(names[:12])
+    return f"{shown}, ..." if len(names) > 12 else shown
+
+
 _ROS = "source /opt/ros/jazzy/setup.bash in this terminal, or pip install 'annik_ros[ros]'"
 #: What to install for each library that annik may lack, by the name that Python imports.
 _REMEDIES = {

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from xml.etree import ElementTree
 
+from annik_core.errors import listed
 from annik_core.robots.definition import checked_name
 from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.urdf_joint import UrdfJoint
@@ -80,7 +81,7 @@ class UrdfTree:
         """The given frames, completed by the root and the only tip below it."""
         for what, frame in (("base_frame", base), ("end_effector_frame", tip)):
             if frame is not None and frame not in self.links:
-                links = _listed(list(self.links))
+                links = listed(list(self.links))
                 raise self._refused(
                     f"{what} {frame!r} is not a link of the URDF; its links: {links}"
                 )
@@ -142,7 +143,7 @@ class UrdfTree:
             self._top(joined[0])
         if len(roots) != 1:
             raise self._refused(
-                f"the base frame is not clear: give base_frame, a link such as {_listed(roots)}"
+                f"the base frame is not clear: give base_frame, a link such as {listed(roots)}"
             )
         return roots[0]
 
@@ -170,7 +171,7 @@ class UrdfTree:
             counted = [f"{tip} ({below[tip]} joints)" for tip in tips]
             raise self._refused(
                 "the end effector is not clear, the tree has several tips: give "
-                f"end_effector_frame, one of its links, such as {_listed(counted)}"
+                f"end_effector_frame, one of its links, such as {listed(counted)}"
             )
         return tips[0]
 
@@ -217,7 +218,7 @@ class UrdfTree:
                 raise self._ring([link, *sorted(again)])
 
     def _ring(self, links: Sequence[str]) -> InvalidRobotDefinition:
-        return self._refused(f"its joints form a ring through {_listed(links)}: a URDF is a tree")
+        return self._refused(f"its joints form a ring through {listed(links)}: a URDF is a tree")
 
     def _refused(self, problem: str) -> InvalidRobotDefinition:
         return InvalidRobotDefinition(self.source, "; ".join((problem, *self.loose[:1])))
@@ -228,8 +229,3 @@ def _grouped(joints: Iterable[UrdfJoint], link: str) -> dict[str, list[UrdfJoint
     for joint in joints:
         groups[getattr(joint, link)].append(joint)
     return dict(groups)
-
-
-def _listed(names: Sequence[str], most: int = 12) -> str:
-    listed = ", ".join(names[:most])
-    return f"{listed}, ..." if len(names) > most else listed

@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from annik_core.errors import listed
 from annik_core.pose import FloatArray
-
-#: Names shown in a reason; a humanoid's joint states have dozens.
-_MOST_NAMES = 8
 
 
 class JointStateFault(Enum):
@@ -83,7 +81,7 @@ class MeasuredJoints:
             return self._at_fault(arrival, JointStateFault.LENGTHS, counts)
         if len(set(own)) != len(own):
             repeated = sorted({name for name in own if own.count(name) > 1})
-            problem = f"{_listed(repeated)} named twice"
+            problem = f"{listed(repeated)} named twice"
             return self._at_fault(arrival, JointStateFault.REPEATED, problem)
         bad = []
         for name, position in zip(names, positions, strict=True):
@@ -95,7 +93,7 @@ class MeasuredJoints:
                 self._arrivals[index] = arrival
             else:
                 bad.append(f"{name} at {position}")
-        return self._at_fault(arrival, JointStateFault.NOT_FINITE, _listed(bad)) if bad else None
+        return self._at_fault(arrival, JointStateFault.NOT_FINITE, listed(bad)) if bad else None
 
     def malformed(self, arrival: float, problem: str) -> JointStateFault:
         """Count a message whose bytes are not those of a joint state."""
@@ -126,8 +124,8 @@ class MeasuredJoints:
         if unknown:
             foreign = ""
             if self._foreign_names:
-                foreign = f" (others are named: {_listed(self._foreign_names)}{self._prefix()})"
-            return f"the joint states lack {_listed(unknown)}{foreign}{fault}"
+                foreign = f" (others are named: {listed(self._foreign_names)}{self._prefix()})"
+            return f"the joint states lack {listed(unknown)}{foreign}{fault}"
         oldest = min(self._arrivals)
         age, name = now - oldest, self._joint_names[self._arrivals.index(oldest)]
         return f"{name} was measured {age:.3g} s ago, more than {self.timeout:.3g} s{fault}"
@@ -163,8 +161,3 @@ class MeasuredJoints:
                 if other.endswith(name):
                     return f": with the prefix {other.removesuffix(name)!r}"
         return ""
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:_MOST_NAMES])
-    return shown + (", ..." if len(names) > _MOST_NAMES else "")
