@@ -66,15 +66,8 @@ def pose_array_from_bytes(data: bytes) -> StampedPoses:
         InvalidStamp: if the stamp's nanoseconds are a second or more.
     """
     order, nanoseconds, frame_id, position = _header(data, "PoseArray")
-    position = _aligned(position, 4)
-    if len(data) < position + 4:
-        raise _too_short("PoseArray", data)
-    (count,) = struct.unpack_from(f"{order}I", data, position)
-    if count == 0:
-        _check_end(data, position + 4, "PoseArray")
-        return StampedPoses(nanoseconds, frame_id, np.empty((0, 7)))
-    poses = _poses(data, order, position + 4, count, "PoseArray")
-    return StampedPoses(nanoseconds, frame_id, poses)
+    count, position = _count(data, order, position, "PoseArray")
+    return StampedPoses(nanoseconds, frame_id, _poses(data, order, position, count, "PoseArray"))
 
 
 class JointPositions(NamedTuple):
@@ -97,10 +90,11 @@ def joint_positions_from_bytes(data: bytes) -> JointPositions:
     for _ in range(count):
         name, position = _text(data, order, position, message_type)
         names.append(name)
-    positions, position = _doubles(data, order, position, message_type)
+    begin, end = _doubles(data, order, position, message_type)
+    positions = struct.unpack_from(f"{order}{(end - begin) // 8}d", data, begin)
     for _ in ("velocity", "effort"):
-        _, position = _doubles(data, order, position, message_type)
-    _check_end(data, position, message_type)
+        _, end = _doubles(data, order, end, message_type)
+    _check_end(data, end, message_type)
     return JointPositions(tuple(names), positions)
 
 
@@ -125,17 +119,14 @@ def _text(data: bytes, order: str, position: int, message_type: str) -> tuple[st
         raise MalformedMessage(message_type, "a text in it is not UTF-8") from error
 
 
-def _doubles(
-    data: bytes, order: str, position: int, message_type: str
-) -> tuple[tuple[float, ...], int]:
-    """The sequence of float64 at or after ``position``, and where it ends."""
+def _doubles(data: bytes, order: str, position: int, message_type: str) -> tuple[int, int]:
+    """Where the sequence of float64 at or after ``position`` begins and ends."""
     count, position = _count(data, order, position, message_type)
-    if count == 0:
-        return (), position
-    position = _aligned(position, 8)
-    if len(data) < position + 8 * count:
+    begin = _aligned(position, 8) if count else position
+    end = begin + 8 * count
+    if len(data) < end:
         raise _too_short(message_type, data)
-    return struct.unpack_from(f"{order}{count}d", data, position), position + 8 * count
+    return begin, end
 
 
 def _byte_order(data: bytes, message_type: str) -> str:
@@ -149,26 +140,18 @@ def _byte_order(data: bytes, message_type: str) -> str:
 def _header(data: bytes, message_type: str) -> tuple[str, int, str, int]:
     """Byte order of the message; stamp [ns], frame and end of its ``std_msgs/msg/Header``."""
     order = _byte_order(data, message_type)
-    start = _HEADER_SIZE + 12
+    start = _HEADER_SIZE + 8
     if len(data) < start:
         raise _too_short(message_type, data)
-    seconds, nanosec, length = struct.unpack_from(f"{order}iII", data, _HEADER_SIZE)
-    if not 1 <= length <= _LONGEST_FRAME_ID:
-        raise MalformedMessage(message_type, f"its frame_id has {length} bytes")
-    end = start + length
-    text = bytes(data[start:end])
-    if len(data) < end or text[-1] != 0:
-        raise MalformedMessage(message_type, "its frame_id has no end")
-    stamp = join_stamp(seconds, nanosec)
-    try:
-        frame_id = text[:-1].decode()
-    except UnicodeDecodeError as error:
-        raise MalformedMessage(message_type, "its frame_id is not UTF-8") from error
-    return order, stamp, frame_id, end
+    seconds, nanosec = struct.unpack_from(f"{order}iI", data, _HEADER_SIZE)
+    frame_id, end = _text(data, order, start, message_type)
+    if end - start > 4 + _LONGEST_FRAME_ID:
+        raise MalformedMessage(message_type, f"its frame_id has {end - start - 4} bytes")
+    return order, join_stamp(seconds, nanosec), frame_id, end
 
 
 def _poses(data: bytes, order: str, position: int, count: int, message_type: str) -> FloatArray:
-    position = _aligned(position, 8)
+    position = _aligned(position, 8) if count else position
     _check_end(data, position + count * _POSE_SIZE, message_type)
     numbers = np.frombuffer(data, f"{order}f8", count * 7, position)
     return numbers.reshape(count, 7).astype(np.float64)

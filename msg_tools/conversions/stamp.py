@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Time
 
-from annik_core.errors import ConversionError
+from annik_core.errors import ConversionError, InvalidValue
 
 _NANOSECONDS = 1_000_000_000
 _SECONDS_RANGE = (-(2**31), 2**31 - 1)
 
 
-class InvalidStamp(ConversionError):
+class InvalidStamp(InvalidValue, ConversionError):
     """A stamp is malformed, or a time does not fit into one."""
-
-    def __init__(self, name: str, value: int, allowed: str) -> None:
-        self.name = name
-        self.value = value
-        super().__init__(f"{name} is {value}; allowed: {allowed}")
 
 
 def join_stamp(sec: int, nanosec: int) -> int:
