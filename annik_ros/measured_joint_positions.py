@@ -84,16 +84,15 @@ class MeasuredJointPositions:
             fault = self.joints.malformed(arrival, str(error))
         else:
             fault = self.joints.update(arrival, message.names, message.positions)
+        if fault in self._said:
+            return
         if fault is not None:
-            self._say_once(fault, f"a joint state can't be used: {self.joints.last_fault}")
+            text = f"a joint state can't be used: {self.joints.last_fault}"
         elif self.joints.stays_unknown(arrival):
-            self._say_once(
-                None, f"the joint positions are unknown: {self.joints.missing(arrival)}"
-            )
-
-    def _say_once(self, fault: JointStateFault | None, text: str) -> None:
-        if fault not in self._said:
-            self._said.add(fault)
-            self._node.get_logger().warning(
-                f"{self.topic_name}: {text}; said once, and counted in /diagnostics"
-            )
+            text = f"the joint positions are unknown: {self.joints.missing(arrival)}"
+        else:
+            return
+        self._said.add(fault)
+        self._node.get_logger().warning(
+            f"{self.topic_name}: {text}; said once, and counted in /diagnostics"
+        )
