@@ -111,6 +111,16 @@ class ArmKinematics(ForwardKinematics):
             pin.log6,
         )
 
+    def link_poses(self, joint_positions: FloatArray) -> dict[str, list[float]]:
+        """Poses ``(7,)`` of all links but the base at joint positions ``(dof,)``."""
+        pin, model, data, _ = self._pinocchio
+        pin.framesForwardKinematics(model, data, joint_positions)
+        return {
+            frame.name: pin.SE3ToXYZQUAT(data.oMf[number]).tolist()
+            for number, frame in enumerate(model.frames)
+            if frame.type == pin.FrameType.BODY and frame.parentFrame
+        }
+
     @cached_property
     def joint_origins(self) -> FloatArray:
         """``(dof + 1, 3)`` origins of the joints and of the end effector at zero position [m]."""

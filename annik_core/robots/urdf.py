@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -100,42 +99,54 @@ def _written(
     """The chain as URDF text; ``repr`` keeps every bit of a number."""
     root = ElementTree.Element("robot", name=name)
     ElementTree.SubElement(root, "link", name=base)
-
-    def add(name: str, kind: str, parent: str, child: str, *origin: Sequence[float]) -> Any:
-        element = ElementTree.SubElement(root, "joint", name=name, type=kind)
-        ElementTree.SubElement(element, "parent", link=parent)
-        ElementTree.SubElement(element, "child", link=child)
-        xyz, rpy = map(_numbers, origin)
-        ElementTree.SubElement(element, "origin", xyz=xyz, rpy=rpy)
-        ElementTree.SubElement(root, "link", name=child)
-        return element
-
     taken = {name for joint, _ in path for name in (joint.name, joint.parent, joint.child)}
     for joint, upwards in path:
         ends = (joint.child, joint.parent) if upwards else (joint.parent, joint.child)
         origin = _inverse(joint.xyz, joint.rpy) if upwards else (joint.xyz, joint.rpy)
         if joint.kind == "fixed":
-            add(joint.name, "fixed", *ends, *origin)
+            add_joint(root, joint.name, "fixed", *ends, origin)
             continue
-        axis = joint.axis
+        limits = None if joint.kind == "continuous" else joint.limits
         if upwards:
             # The joint is at the far end of its origin: first the motion back, then the origin.
             between = f"{joint.name} reversed"
             while between in taken:
                 between += "'"
-            moving = add(
-                joint.name, joint.kind, ends[0], between, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-            )
-            add(between, "fixed", between, ends[1], *origin)
-            axis = tuple(0.0 - part for part in axis)
+            back = tuple(0.0 - part for part in joint.axis)
+            add_joint(root, joint.name, joint.kind, ends[0], between, axis=back, limits=limits)
+            add_joint(root, between, "fixed", between, ends[1], origin)
         else:
-            moving = add(joint.name, joint.kind, *ends, *origin)
-        ElementTree.SubElement(moving, "axis", xyz=_numbers(axis))
-        limits = {}
-        if joint.kind != "continuous":
-            limits = {"lower": repr(joint.limits[0]), "upper": repr(joint.limits[1])}
+            add_joint(root, joint.name, joint.kind, *ends, origin, joint.axis, limits)
+    return as_text(root)
+
+
+def add_joint(
+    root: ElementTree.Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    origin: Sequence[Sequence[float]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    axis: Sequence[float] | None = None,
+    limits: Sequence[float] | None = None,
+) -> ElementTree.Element:
+    """Add a joint and its child link to ``<robot>``; ``axis`` is None for a fixed joint."""
+    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    xyz, rpy = map(as_numbers, origin)
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+    if axis is not None:
+        ElementTree.SubElement(joint, "axis", xyz=as_numbers(axis))
+        bounds = zip(("lower", "upper"), map(repr, limits or ()), strict=False)
         # Effort and velocity are required by the format, not used.
-        ElementTree.SubElement(moving, "limit", {**limits, "effort": "0", "velocity": "0"})
+        ElementTree.SubElement(joint, "limit", {**dict(bounds), "effort": "0", "velocity": "0"})
+    ElementTree.SubElement(root, "link", name=child)
+    return joint
+
+
+def as_text(root: ElementTree.Element) -> str:
+    """The element ``<robot>`` as the text of a URDF."""
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -149,5 +160,6 @@ def _inverse(
     return tuple(rotation_matrix(np.array(back)) @ [-part for part in xyz]), roll_pitch_yaw(back)
 
 
-def _numbers(values: Iterable[float]) -> str:
+def as_numbers(values: Iterable[float]) -> str:
+    """Numbers as the text of an attribute, each with all its digits."""
     return " ".join(repr(float(value)) for value in values)

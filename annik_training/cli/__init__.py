@@ -1,4 +1,4 @@
-"""The ``annik`` command line: one file a command, loaded when the command is called."""
+"""The ``annik`` command line: the file of a command is loaded when the command is called."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ COMMANDS: Mapping[str, str] = {
     "calibrate": "Calibrate an arm from measured poses and write its model file.",
     "evaluate": "Measure a model's errors at random poses, or at measured ones.",
     "info": "Check a model file and print its metadata.",
+    "export-urdf": "Write the URDF of a model's robot, for RViz and robot_state_publisher.",
     "convert": "Convert a model file of an older format: same weights, same joint positions.",
     "report": "Report the tracking error in a bag: tables here, plots in report.html.",
     "doctor": "Check this installation: libraries, ROS 2, models, a target over DDS.",
 }
 _RENAMED = {"fit": "calibrate"}
+#: Files of commands that have none of their own name.
+_FILES = dict.fromkeys(("convert", "export-urdf", "info"), "model_files")
 
 
 class _LazyGroup(click.Group):
@@ -35,8 +38,8 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        module = import_module(f"annik_training.cli.{cmd_name}")
-        command: click.Command = getattr(module, cmd_name)
+        module = import_module(f"annik_training.cli.{_FILES.get(cmd_name, cmd_name)}")
+        command: click.Command = getattr(module, cmd_name.replace("-", "_"))
         return command
 
     def resolve_command(

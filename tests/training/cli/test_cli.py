@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def test_help_names_every_command_and_says_what_it_does() -> None:
     assert invoke("-h").output == result.output
     shared = {"__init__", "__main__", "options", "output", "plots"}
     files = {path.stem for path in Path(str(cli_package.__file__)).parent.glob("*.py")}
-    assert set(COMMANDS) == files - shared
+    assert set(COMMANDS) == files - shared - {"model_files"} | {"info", "convert", "export-urdf"}
     shown = " ".join(result.output.split())
     for command, sentence in COMMANDS.items():
         assert f"{command} {sentence}" in shown
@@ -403,3 +404,24 @@ def test_only_known_libraries_are_explained(monkeypatch: pytest.MonkeyPatch, mod
     with pytest.raises(ModuleNotFoundError) as caught:
         main()
     assert not isinstance(caught.value, AnnikError)
+
+
+def test_the_urdf_of_a_model_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "arm.urdf"
+    result = invoke("export-urdf", "ur5e", "--out", path)
+    assert result.exit_code == 0, result.output
+    assert load_robot(path).joint_names == load_robot("ur5e").joint_names
+    printed = invoke("export-urdf", "ur5e")
+    assert (printed.exit_code, printed.output) == (0, path.read_text(encoding="utf-8"))
+
+
+def test_the_gantry_has_a_urdf_too() -> None:
+    result = invoke("export-urdf", "gantry")
+    joints = {joint.get("name") for joint in ElementTree.fromstring(result.output).iter("joint")}
+    assert set(load_robot("gantry").joint_names) < joints
+
+
+def test_no_urdf_of_a_model_that_is_missing(tmp_path: Path) -> None:
+    result = invoke("export-urdf", "no.onnx", "--out", tmp_path / "arm.urdf")
+    assert result.exit_code == 1 and isinstance(result.exception, AnnikError)
+    assert list(tmp_path.iterdir()) == []

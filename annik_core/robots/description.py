@@ -1,0 +1,117 @@
+"""A robot as a URDF to look at, and where its links are: for RViz and robot_state_publisher."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import atan2, hypot
+from xml.etree import ElementTree
+
+import numpy as np
+
+from annik_core.pose import FloatArray, quaternion_from_roll_pitch_yaw
+from annik_core.robots.arm import ArmKinematics
+from annik_core.robots.gantry import GantryKinematics
+from annik_core.robots.robot import Robot
+from annik_core.robots.urdf import add_joint, as_numbers, as_text
+from annik_core.robots.urdf_text import parsed
+
+#: The axes of a gantry from its base on: the orientation is yaw, then pitch, then roll.
+_AXES_FROM_BASE = (0, 1, 2, 5, 4, 3)
+#: Thickness of what is drawn, as a share of the length of the chain, and of a gantry [m].
+_THICKNESS = 1 / 40
+_GANTRY_THICKNESS = 0.02
+
+
+def robot_urdf(robot: Robot) -> str:
+    """The URDF of a robot as described, without the corrections of a calibration.
+
+    An arm is its chain, drawn as sticks. The axes of a gantry mimic its drives, so that the joint
+    names are those of its commands.
+    """
+    kinematics = robot.forward_kinematics
+    if isinstance(kinematics, GantryKinematics):
+        root = _gantry(robot, kinematics)
+    else:
+        root = parsed(robot.definition["urdf"], robot.name)
+    root.set("name", robot.name)
+    _draw(root)
+    return as_text(root)
+
+
+def link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[float]]:
+    """Poses ``(7,)`` of the links of :func:`robot_urdf` in the base frame, but of the base.
+
+    ``robot`` has no corrections of a calibration, and is at joint positions ``(dof,)``.
+    """
+    kinematics = robot.forward_kinematics
+    if isinstance(kinematics, ArmKinematics):
+        return kinematics.link_poses(joint_positions)
+    assert isinstance(kinematics, GantryKinematics)
+    poses = {
+        _shaft(drive): [0.0, 0.0, 0.0, *quaternion_from_roll_pitch_yaw(0.0, 0.0, angle)]
+        for drive, angle in zip(robot.joint_names, joint_positions.tolist(), strict=True)
+    }
+    task = kinematics.task_coordinates(joint_positions[np.newaxis])[0].tolist()
+    moved = [0.0] * 6
+    for axis, link in zip(_AXES_FROM_BASE, _slides(robot), strict=True):
+        moved[axis] = task[axis]
+        poses[link] = [*moved[:3], *quaternion_from_roll_pitch_yaw(*moved[3:])]
+    return poses
+
+
+def _shaft(drive: str) -> str:
+    """The link that a drive of a gantry turns."""
+    return f"{drive}_shaft"
+
+
+def _slides(robot: Robot) -> list[str]:
+    """The links that the axes of a gantry move, from the base on."""
+    between = [f"{robot.joint_names[axis]}_slide" for axis in _AXES_FROM_BASE[:-1]]
+    return [*between, robot.end_effector_frame]
+
+
+def _gantry(robot: Robot, kinematics: GantryKinematics) -> ElementTree.Element:
+    root = ElementTree.Element("robot")
+    ElementTree.SubElement(root, "link", name=robot.base_frame)
+    limits = np.array([robot.joint_limits.lower, robot.joint_limits.upper])
+    reached = np.sort(kinematics.task_coordinates(limits), axis=0).T.tolist()
+    directions = np.eye(3).tolist()
+    for drive, bounds in zip(robot.joint_names, limits.T.tolist(), strict=True):
+        ends = robot.base_frame, _shaft(drive)
+        add_joint(root, drive, "revolute", *ends, axis=directions[2], limits=bounds)
+    parent = robot.base_frame
+    for axis, link in zip(_AXES_FROM_BASE, _slides(robot), strict=True):
+        drive = robot.joint_names[axis]
+        kind = "prismatic" if axis < 3 else "revolute"
+        motion = {"axis": directions[axis % 3], "limits": reached[axis]}
+        joint = add_joint(root, f"{drive}_axis", kind, parent, link, **motion)
+        ratio, offset = repr(kinematics.ratio[axis].item()), repr(kinematics.offset[axis].item())
+        ElementTree.SubElement(joint, "mimic", joint=drive, multiplier=ratio, offset=offset)
+        parent = link
+    return root
+
+
+def _draw(root: ElementTree.Element) -> None:
+    """Draw a stick from each joint of a link to the next, a ball at joints, a box at the end."""
+    links = {link.attrib["name"]: link for link in root.iter("link")}
+
+    def add(
+        link: str, shape: str, xyz: Sequence[float], rpy: Sequence[float], **size: str
+    ) -> None:
+        visual = ElementTree.SubElement(links[link], "visual")
+        ElementTree.SubElement(visual, "origin", xyz=as_numbers(xyz), rpy=as_numbers(rpy))
+        ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, size)
+
+    zero = (0.0, 0.0, 0.0)
+    joints = [{part.tag: part.attrib for part in joint} for joint in root.iter("joint")]
+    origins = [[float(part) for part in joint["origin"]["xyz"].split()] for joint in joints]
+    radius = _THICKNESS * sum(hypot(*origin) for origin in origins) or _GANTRY_THICKNESS
+    for joint, (x, y, z) in zip(joints, origins, strict=True):
+        if hypot(x, y, z) > radius:
+            turned = (0.0, atan2(hypot(x, y), z), atan2(y, x))
+            stick = {"radius": repr(radius), "length": repr(hypot(x, y, z))}
+            add(joint["parent"]["link"], "cylinder", (x / 2, y / 2, z / 2), turned, **stick)
+        if "axis" in joint:
+            add(joint["child"]["link"], "sphere", zero, zero, radius=repr(1.5 * radius))
+    box = as_numbers((2.0 * radius, 3.0 * radius, 4.0 * radius))
+    add(joints[-1]["child"]["link"], "box", zero, zero, size=box)
