@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from annik_core.errors import DamagedRecord, InUse, NotWritable
+from annik_core.files import open_regular_file
 
 _CHECK = "check"
+_MOST_BYTES = 256 * 1024 * 1024
 
 
 class AppendLog:
@@ -40,6 +42,8 @@ class AppendLog:
         self._has_header = has_header
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            if path.exists():  # a pipe, or a device without end
+                open_regular_file(path).close()
             self._file = path.open("a+b", buffering=0)
         except OSError as error:
             raise self._not_writable(error) from error
@@ -108,6 +112,10 @@ class AppendLog:
     def _read(self) -> tuple[list[dict[str, Any]], int]:
         """The records, and the size of the file up to the last complete line."""
         self._file.seek(0)
+        size = os.fstat(self._file.fileno()).st_size
+        if size > _MOST_BYTES:
+            reason = f"{size} bytes; at most {_MOST_BYTES} are read"
+            raise NotWritable(self.path, reason, "give another file")
         data = self._file.read()
         complete = data[: data.rfind(b"\n") + 1]
         lines = complete.split(b"\n")[:-1]

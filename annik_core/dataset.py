@@ -14,12 +14,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.errors import AnnikError, MissingDependency
-from annik_core.files import write_files_atomically
+from annik_core.files import expanded, read_regular_file, write_files_atomically
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.definition import is_numeric
 from annik_core.robots.library import robot_from_definition
@@ -38,6 +39,9 @@ class UnreadableDataset(AnnikError):
 FORMAT_VERSION = 1
 COMPUTED = "computed by the forward kinematics"
 MEASURED = "measured on the robot"
+#: Numbers of poses and joint positions hardly shrink: what unpacks to more is no dataset.
+_MOST_UNPACKED = 64 * 1024 * 1024
+_MOST_BYTES = 1024 * 1024 * 1024
 UNITS = {"joint_positions": "rad or m", "poses": "m, quaternion x y z w"}
 
 #: Allowed difference of computed poses from a new computation [m and rad]: rounding only.
@@ -126,9 +130,13 @@ def load_dataset(path: str | Path) -> Dataset:
     Raises:
         UnreadableDataset: if not, or if it is missing.
     """
-    path = Path(path)
+    path = expanded(path)
     provenance, joint_positions, poses, expected_hash = _read(path)
-    if _content_hash(provenance, joint_positions, poses) != expected_hash:
+    try:
+        intact = _content_hash(provenance, joint_positions, poses) == expected_hash
+    except RecursionError:  # nested too deeply to be written by annik
+        intact = False
+    if not intact:
         raise UnreadableDataset(path, "its content does not match its SHA-256: it was altered")
     # Anyone can compute the hash of wrong content, so the content is checked too.
     robot = _checked_robot(path, provenance)
@@ -149,20 +157,17 @@ def load_dataset(path: str | Path) -> Dataset:
 
 def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
     try:
-        content = path.read_bytes()
-    except FileNotFoundError as error:
+        content = read_regular_file(path, _MOST_BYTES)
+    # ValueError: a path that no system could have.
+    except (FileNotFoundError, ValueError) as error:
         raise UnreadableDataset(path, "no such file") from error
     except OSError as error:
         raise UnreadableDataset(path, f"can't be read ({error.strerror})") from error
     # The parsers of zip and NumPy raise errors of any kind on altered bytes.
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        arrays = _arrays(content)
     except Exception as error:
         raise UnreadableDataset(path, f"truncated or not a dataset ({error})") from error
-    for name in ("joint_positions", "poses", "provenance", "sha256"):
-        if name not in arrays:
-            raise UnreadableDataset(path, f"{name!r} is missing: not a dataset of annik")
     try:
         provenance = json.loads(str(arrays["provenance"]))
     except (ValueError, RecursionError) as error:
@@ -170,6 +175,22 @@ def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
     if not isinstance(provenance, dict):
         raise UnreadableDataset(path, "its provenance is not a mapping of names to values")
     return provenance, arrays["joint_positions"], arrays["poses"], str(arrays["sha256"])
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    with ZipFile(io.BytesIO(content)) as archive:
+        entries = archive.infolist()
+        unpacked = sum(entry.file_size for entry in entries)
+        if unpacked > _MOST_UNPACKED + 2 * len(content):
+            raise ValueError(f"its {len(content)} bytes would unpack to {unpacked}")
+        # Other methods of compression reserve memory as the file demands.
+        if not {entry.compress_type for entry in entries} <= {ZIP_STORED, ZIP_DEFLATED}:
+            raise ValueError("it is compressed by another method than deflate")
+        arrays = {}
+        for name in ("joint_positions", "poses", "provenance", "sha256"):
+            with archive.open(f"{name}.npy") as member:
+                arrays[name] = np.lib.format.read_array(member, allow_pickle=False)
+    return arrays
 
 
 def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:

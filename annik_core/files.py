@@ -1,4 +1,4 @@
-"""Reading of regular files only; atomic replacement: the old file or the whole new one."""
+"""Reading of regular files only, and of YAML of a bounded size; atomic replacement of files."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import yaml
 
 from annik_core.errors import NotWritable
 
@@ -21,23 +24,94 @@ def expanded(path: str | Path) -> Path:
         return Path(path)
 
 
-def read_regular_file(path: Path, most: int) -> bytes:
-    """The content of a file, after following links; never waits for it.
+def open_regular_file(path: Path) -> BinaryIO:
+    """Open a file for reading, after following links; never waits for it.
 
     Raises:
-        OSError: if it can't be read, is a folder, a pipe or a device, or has over ``most`` bytes.
+        OSError: if it can't be opened, or is a folder, a pipe or a device.
         ValueError: if no file could have this path.
     """
     # Opening a pipe would wait for one that writes to it.
-    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
-        status = os.fstat(file.fileno())
-        if not stat.S_ISREG(status.st_mode):
-            raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
-        content = b"" if status.st_size > most else file.read(most + 1)
-    size = max(status.st_size, len(content))
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
+    return file
+
+
+def read_regular_file(path: Path, most: int) -> bytes:
+    """The content of a file, opened by :func:`open_regular_file`.
+
+    Raises:
+        OSError: if it can't be read or opened, or has over ``most`` bytes.
+        ValueError: if no file could have this path.
+    """
+    with open_regular_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        content = b"" if size > most else file.read(size + 1)
+        # A file of the kernel has a content, but no size.
+        while content and len(content) <= most and (more := file.read(64 * 1024)):
+            content += more
+    size = max(size, len(content))
     if size > most:
         raise OSError(errno.EFBIG, f"{size} bytes; at most {most} are accepted")
     return content
+
+
+def read_text(path: str | Path, most: int = 4 * 1024 * 1024) -> str:
+    """The UTF-8 text of a regular file of at most so many bytes; ``~`` is the user's folder.
+
+    Raises:
+        OSError: see :func:`read_regular_file`.
+        ValueError: if it is not UTF-8, or if no file could have this path.
+    """
+    return read_regular_file(expanded(path), most).decode("utf-8-sig")
+
+
+class _BoundedLoader(yaml.SafeLoader):
+    """YAML of bounded depth and size, in which an alias counts as much as what it stands for."""
+
+    most_values: Final = 100_000
+    most_levels: Final = 64
+    most_digits: Final = 1000  #: of an integer: reading one takes a time quadratic in its length
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.values = self.levels = 0
+        self.anchored: dict[str, int] = {}  # anchor: number of its values
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        before = self.values
+        alias = isinstance(event, yaml.AliasEvent)
+        # An alias inside what it stands for has no end, and no count yet.
+        self.values += self.anchored.get(event.anchor, self.most_values) if alias else 1
+        self.levels += 1
+        if self.values > self.most_values or self.levels > self.most_levels:
+            raise ValueError(
+                f"more than {self.most_values} values, each alias counted as what it stands for, "
+                f"or more than {self.most_levels} levels"
+            )
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self.levels -= 1
+        if event.anchor is not None and not alias:
+            self.anchored[event.anchor] = self.values - before
+        if node is not None and node.tag.endswith(":int") and len(node.value) > self.most_digits:
+            raise ValueError(f"an integer has more than {self.most_digits} digits")
+        return node
+
+
+def bounded_yaml(text: str) -> Any:
+    """Plain data from YAML, in bounded time and memory.
+
+    Raises:
+        ValueError: if it is not YAML, is nested too deeply, or has too many values.
+    """
+    try:
+        return yaml.load(text, _BoundedLoader)
+    # Besides YAMLError, PyYAML lets through whatever an ill-formed date or tag runs into.
+    except Exception as error:
+        raise ValueError(str(error)) from error
 
 
 def ensure_writable_folder(folder: Path) -> None:

@@ -7,12 +7,14 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from annik_core.errors import AnnikError, InvalidValue
+from annik_core.files import read_text
 from annik_core.pose import FloatArray, checked_pose, pose_from_roll_pitch_yaw
 from annik_core.settings import check_settings, setting
 
@@ -24,6 +26,7 @@ DIAGONAL_POINTS = 15
 
 #: Columns of a file of targets, in metres and as a unit quaternion.
 CSV_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_MOST_BYTES = 16 * 1024 * 1024
 
 
 class UnreadableTargetFile(AnnikError):
@@ -98,9 +101,10 @@ def csv_path(path: str | Path) -> FloatArray:
     """
     path = Path(path)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return _poses_from_rows(file, path)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = read_text(path, _MOST_BYTES)
+        return _poses_from_rows(StringIO(text, newline=""), path)
+    # ValueError: not UTF-8, or a path that no file could have.
+    except (OSError, ValueError, csv.Error) as error:
         raise UnreadableTargetFile(path, f"not readable: {error}") from error
 
 

@@ -8,9 +8,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from annik_core.errors import InvalidValue, one_line
+from annik_core.files import bounded_yaml, read_text
 from annik_core.installation import model_path, packaged_models
 from annik_core.target_paths import PathKind, TargetPath
 from annik_ros.parameters import parameter_table
@@ -55,8 +54,8 @@ def node_parameters(file: str, nodes: Sequence[str]) -> dict[str, Any]:
             run without what is meant for them.
     """
     try:
-        content = yaml.safe_load(Path(file).read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        content = bounded_yaml(read_text(file))
+    except (OSError, ValueError) as error:
         allowed = f"a file of parameters ({one_line(error)})"
         raise InvalidValue("params_file", file, allowed) from error
     entries = list(_entries(content))

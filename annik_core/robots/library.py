@@ -8,9 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from annik_core.files import expanded, read_regular_file
+from annik_core.files import bounded_yaml, expanded, read_regular_file
 from annik_core.installation import nearest_first, share_directory
 from annik_core.robots.arm import arm_from_definition
 from annik_core.robots.definition import checked_name
@@ -106,9 +104,8 @@ def _definition(source: str | Path) -> tuple[Any, str]:
     if _is_xml(text) or path.suffix.lower() in _URDF_SUFFIXES:
         return {"kind": "arm", "urdf": text}, str(path)
     try:
-        definition = yaml.safe_load(text)
-    # Malformed dates, numbers and tags raise exceptions that are not YAMLErrors.
-    except Exception as error:
+        definition = bounded_yaml(text)
+    except ValueError as error:
         raise InvalidRobotDefinition(
             str(path), f"neither a URDF, which is XML, nor readable as YAML: {error}"
         ) from error

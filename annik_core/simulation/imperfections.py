@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import yaml
 
 from annik_core.errors import AnnikError, InvalidValue
+from annik_core.files import bounded_yaml, read_text
 from annik_core.pose import FloatArray
 from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.corrected_kinematics import JointCorrectedKinematics
@@ -243,15 +243,14 @@ def read_imperfections(path: str | Path, robot: Robot) -> Imperfections:
     check_arm(robot)
     source = str(path)
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError as error:
         raise InvalidImperfections(source, "file not found: check the path") from error
     except (OSError, ValueError) as error:
         raise InvalidImperfections(source, f"can't be read: {error}") from error
     try:
-        data = yaml.safe_load(text)
-    # Besides YAMLError, PyYAML lets through whatever an ill-formed date or tag runs into.
-    except Exception as error:
+        data = bounded_yaml(text)
+    except ValueError as error:
         raise InvalidImperfections(source, f"not readable as YAML: {error}") from error
     return imperfections_from_dict(data, robot, source)
 

@@ -76,7 +76,7 @@ def test_roll_or_yaw_up_to_half_a_turn(gantry: Robot, joint: int) -> None:
         ("notes: !!set {a, b}", ["notes", "set"]),
         ("notes: !!binary aGk=", ["notes", "bytes"]),
         ("notes: [.nan]", ["notes[0]", "nan"]),
-        ("notes: &a [*a]", ["notes[0][0]", "16 levels"]),
+        ("notes: &a [*a]", ["alias", "levels"]),
     ],
 )
 def test_yaml_that_is_not_plain_data(
