@@ -72,8 +72,8 @@ setup(
         "mcap>=1.1",
         "mcap-ros2-support>=0.5",
         "numpy>=1.26",
-        "onnx>=1.16",
         "onnxruntime>=1.18",
+        "protobuf>=3.20",
         "pyyaml>=6.0",
         "rich>=13.0",
         "rosbags>=0.10",
@@ -92,7 +92,13 @@ setup(
             "pytracik>=0.0.3",
             "roboticstoolbox-python>=1.1",
         ],
-        "training": ["joblib>=1.4", "onnxscript>=0.2", "sympy>=1.12", "torch>=2.4"],
+        "training": [
+            "joblib>=1.4",
+            "onnx>=1.16",
+            "onnxscript>=0.2",
+            "sympy>=1.12",
+            "torch>=2.4",
+        ],
         # colcon takes an extra of this name that has pytest for the order to run it.
         "test": ["hypothesis", "pytest"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.

@@ -37,6 +37,7 @@ def listed(names: Sequence[str]) -> str:
 _ROS = "source /opt/ros/jazzy/setup.bash in this terminal, or pip install 'annik_ros[ros]'"
 #: What to install for each library that annik may lack, by the name that Python imports.
 _REMEDIES = {
+    "google": "sudo apt install python3-protobuf, or pip install protobuf",
     "jinja2": "sudo apt install python3-jinja2, or pip install jinja2",
     "matplotlib": "sudo apt install python3-matplotlib, or pip install matplotlib",
     "mcap": "pip install mcap mcap-ros2-support",
@@ -45,10 +46,12 @@ _REMEDIES = {
     "scipy": "sudo apt install python3-scipy, or pip install scipy",
     "yaml": "sudo apt install python3-yaml, or pip install pyyaml",
     **dict.fromkeys(("builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"), _ROS),
-    **dict.fromkeys(("joblib", "onnxscript", "sympy", "torch"), "pip install '.[training]'"),
+    **dict.fromkeys(
+        ("joblib", "onnx", "onnxscript", "sympy", "torch"), "pip install '.[training]'"
+    ),
     **{
         name: f"pip install {name}"
-        for name in ("click", "onnx", "onnxruntime", "rich", "rosbags", "zstandard")
+        for name in ("click", "onnxruntime", "rich", "rosbags", "zstandard")
     },
 }
 

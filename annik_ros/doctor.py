@@ -16,7 +16,7 @@ from annik_core.installation import VERSION, default_model_path, model_path, pac
 from annik_core.model.artifact import load_model
 
 #: Required by the nodes.
-_LIBRARIES = ("numpy", "scipy", "onnx", "onnxruntime", "mcap", "rosbags")
+_LIBRARIES = ("numpy", "scipy", "protobuf", "onnxruntime", "mcap", "rosbags")
 #: Required by parts of annik, with the part.
 _OPTIONAL_LIBRARIES = {
     "pin": "arms: pip install 'annik_ros[arms]', or the package ros-jazzy-pinocchio",

@@ -9,7 +9,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 
 from annik_core.model.artifact import read_model_file
@@ -21,6 +20,7 @@ from annik_core.model.graph import (
     check_graph,
     graph_properties,
     parsed_graph,
+    tensor_values,
 )
 from annik_core.model.metadata import CONVERTIBLE_VERSION, FORMAT_VERSION, ModelMetadata
 from annik_core.model.session import make_session
@@ -73,8 +73,12 @@ def convert_model(old: Path, new: Path) -> ModelMetadata:
     properties |= {f"annik.{key}": json.dumps(value) for key, value in changes.items()}
     metadata = ModelMetadata.from_properties(properties, old)
     robot = robot_from_definition(metadata.robot, f"in {old}")
+    weights = {
+        tensor.name: torch.from_numpy(tensor_values(tensor, old).copy())
+        for tensor in graph.graph.initializer
+    }
     try:
-        network = _network(graph, metadata, robot)
+        network = _network(weights, metadata, robot)
     # KeyError: a weight is missing. RuntimeError: one has another size.
     except (KeyError, RuntimeError) as error:
         raise NotConvertible(
@@ -87,13 +91,9 @@ def convert_model(old: Path, new: Path) -> ModelMetadata:
 
 
 def _network(
-    graph: onnx.ModelProto, metadata: ModelMetadata, robot: Robot
+    weights: dict[str, torch.Tensor], metadata: ModelMetadata, robot: Robot
 ) -> FusedNetwork | InverseKinematicsNetwork:
     """The network of a file of format 1, by the names of its weights."""
-    weights = {
-        tensor.name: torch.from_numpy(onnx.numpy_helper.to_array(tensor).copy())
-        for tensor in graph.graph.initializer
-    }
     encoding = InverseKinematicsSystem(robot).encoding
     if isinstance(encoding, PositionRotationMatrix):
         others = [f"others.{number}" for number in range(len(metadata.hidden_units) - 1)]

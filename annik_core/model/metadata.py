@@ -23,6 +23,10 @@ SUPPORTED_VERSIONS = (FORMAT_VERSION,)
 #: What ``annik convert`` reads.
 CONVERTIBLE_VERSION = "1"
 _PREFIX = "annik."
+#: Most reference poses, which are solved one by one when a file is loaded; annik writes 8.
+MAX_REFERENCES = 64
+#: Most characters of an entry. That of a calibrated robot has some ten thousand.
+MAX_LENGTH = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,9 @@ class ModelMetadata:
             ("reference_joint_positions", dof),
         ):
             _check_numbers(values[key], key, width, dof, path)
+        if len(values["reference_poses"]) > MAX_REFERENCES:
+            problem = f"{len(values['reference_poses'])} poses; at most {MAX_REFERENCES}"
+            raise InvalidMetadata(path, "reference_poses", problem)
         if len(values["reference_poses"]) != len(values["reference_joint_positions"]):
             raise InvalidMetadata(
                 path, "reference_joint_positions", "not one row for each reference pose"
@@ -117,6 +124,9 @@ def _entry(properties: Mapping[str, str], key: str, path: Path) -> Any:
     text = properties.get(_PREFIX + key)
     if text is None:
         raise InvalidMetadata(path, key, "missing")
+    if len(text) > MAX_LENGTH:
+        problem = f"{len(text)} characters; at most {MAX_LENGTH}"
+        raise InvalidMetadata(path, key, problem)
     try:
         return json.loads(
             text, parse_constant=_finite_float, parse_float=_finite_float, parse_int=_finite_int

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from operator import mul
 from typing import Any
 
 from annik_core.errors import InvalidValue
 from annik_core.settings import setting, settings_of
 
 _MAX_SEED = 2**63 - 1
+#: With them a model file is a little smaller than the largest that is read.
+_MAX_WEIGHTS = 800_000
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,9 @@ class FitOptions:
         units = self.hidden_units
         if not (0 < len(units) <= 8 and all(1 <= number <= 4096 for number in units)):
             raise InvalidValue("hidden_units", units, "1 to 8 layers of 1 to 4096 units")
+        if sum(map(mul, units, units[1:])) > _MAX_WEIGHTS:
+            allowed = f"layers with at most {_MAX_WEIGHTS} weights between them"
+            raise InvalidValue("hidden_units", units, allowed)
         for entry in settings_of(type(self)):
             if entry.name != "hidden_units":
                 entry.checked(getattr(self, entry.name))

@@ -17,6 +17,7 @@ from support.source_tree import IMPORT_PACKAGES
 #: The keys by which rosdep knows them; a package of ROS is its own key.
 ROSDEP_KEYS = {
     "click": "python3-click",
+    "google": "python3-protobuf",
     "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
@@ -32,7 +33,12 @@ ROSDEP_KEYS = {
 #: Without a key, or for training only: package.xml says to get them by pip.
 BY_PIP = {"joblib", "onnx", "onnxscript", "sympy", "torch"}
 #: Their names at PyPI, where those differ.
-DISTRIBUTIONS = {"mpl_toolkits": "matplotlib", "pinocchio": "pin", "yaml": "pyyaml"}
+DISTRIBUTIONS = {
+    "google": "protobuf",
+    "mpl_toolkits": "matplotlib",
+    "pinocchio": "pin",
+    "yaml": "pyyaml",
+}
 #: Installed with a ROS 2, or by the extra ``ros``; no wheel has the launch system.
 ROS = re.compile(r"(.*_(msgs|srvs|interfaces)|rclpy|launch|launch_ros)$")
 

@@ -94,6 +94,9 @@ def test_altered_weights_are_not_converted(tmp_path: Path, name: str) -> None:
 def test_weights_of_other_names_are_not_converted(tmp_path: Path, name: str, tensor: str) -> None:
     model = onnx.load(FOLDER / f"{name}.onnx")
     next(t for t in model.graph.initializer if t.name == tensor).name = "mine"
+    for node in model.graph.node:
+        for index, used in enumerate(node.input):
+            node.input[index] = "mine" if used == tensor else used
     old = tmp_path / "old.onnx"
     onnx.save(model, old)
     with pytest.raises(NotConvertible) as caught:

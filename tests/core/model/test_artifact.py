@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
+import time
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -286,9 +290,9 @@ def test_another_signature(tmp_path: Path, what: str) -> None:
         name = "target" if what == "name" else "pose"
         kind = TensorProto.FLOAT if what == "type" else TensorProto.DOUBLE
         width = 6 if what == "width" else 7
-        columns = numpy_helper.from_array(np.array([0, 1, 2, 3, 4, 5]), "columns")
+        numbers = [numpy_helper.from_array(np.array([n]), str(n)) for n in (0, 1, 6)]
         nodes = [
-            helper.make_node("Gather", [name, "columns"], ["picked"], axis=1),
+            helper.make_node("Slice", [name, "0", "6", "1"], ["picked"]),
             helper.make_node("Cast", ["picked"], ["joint_positions"], to=TensorProto.DOUBLE),
         ]
         graph = helper.make_graph(
@@ -296,13 +300,14 @@ def test_another_signature(tmp_path: Path, what: str) -> None:
             "other",
             [helper.make_tensor_value_info(name, kind, ["n", width])],
             [helper.make_tensor_value_info("joint_positions", TensorProto.DOUBLE, ["n", 6])],
-            [columns],
+            numbers,
         )
         model.graph.CopyFrom(graph)
 
     with pytest.raises(errors.InvalidGraph) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
-    assert caught.value.part == "input"
+    # What is computed from an input of another name is computed from nothing.
+    assert caught.value.part == ("picked" if what == "name" else "input")
 
 
 @pytest.mark.parametrize(
@@ -322,14 +327,12 @@ def test_another_output(tmp_path: Path, name: str, kind: int, shape: list[Any]) 
         # Without a node whose type or shape would contradict it first.
         del model.graph.value_info[:]
         del model.graph.node[:]
-        size = numpy_helper.from_array(np.array([s if s != "n" else -1 for s in shape]), "size")
-        first = numpy_helper.from_array(np.array(range(0, shape[1])), "first")
-        model.graph.initializer.extend([size, first])
+        numbers = [numpy_helper.from_array(np.array([n]), str(n)) for n in (0, 1, shape[1])]
+        model.graph.initializer.extend(numbers)
         model.graph.node.extend(
             [
-                helper.make_node("Gather", ["pose", "first"], ["picked"], axis=1),
-                helper.make_node("Reshape", ["picked", "size"], ["shaped"]),
-                helper.make_node("Cast", ["shaped"], [name], to=kind),
+                helper.make_node("Slice", ["pose", "0", str(shape[1]), "1"], ["picked"]),
+                helper.make_node("Cast", ["picked"], [name], to=kind),
             ]
         )
         output = helper.make_tensor_value_info(name, kind, shape)
@@ -352,7 +355,7 @@ def test_an_input_for_one_number_of_poses_only(tmp_path: Path, batch: int) -> No
 
 def test_a_graph_that_onnxruntime_refuses(tmp_path: Path) -> None:
     def change(model: onnx.ModelProto) -> None:
-        model.graph.node[-1].input[0] = "nowhere"
+        model.opset_import[0].version = 999
 
     with pytest.raises(errors.UnreadableModel) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
@@ -361,6 +364,104 @@ def test_a_graph_that_onnxruntime_refuses(tmp_path: Path) -> None:
 
 def with_node(model: onnx.ModelProto, node: onnx.NodeProto) -> None:
     model.graph.node.insert(0, node)
+
+
+def chained(operator: str, start: str, links: int) -> Callable[[onnx.ModelProto], None]:
+    """Operators that each give the next one more numbers, or more work, from a tensor on."""
+
+    def change(model: onnx.ModelProto) -> None:
+        model.graph.initializer.append(numpy_helper.from_array(np.ones((1, 7)), "row"))
+        model.graph.initializer.append(numpy_helper.from_array(np.ones((7, 1)), "column"))
+        model.graph.initializer.append(numpy_helper.from_array(np.ones((600, 600)), "square"))
+        for link in reversed(range(links)):
+            inputs = [f"link{link}" if link else start] * 2
+            inputs = [inputs[0], "square"] if operator == "MatMul" else inputs
+            options = {"axis": 1} if operator == "Concat" else {}
+            with_node(model, helper.make_node(operator, inputs, [f"link{link + 1}"], **options))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        chained("Concat", "pose", 30),
+        # Constants are computed while onnxruntime loads the graph.
+        chained("Concat", "row", 30),
+        chained("MatMul", "square", 30),
+        chained("Neg", "pose", 2000),
+    ],
+    ids=["concat", "concat of constants", "products", "operators"],
+)
+def test_a_graph_that_multiplies_what_it_gets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[onnx.ModelProto], None]
+) -> None:
+    """Refused before onnxruntime sees it, in bounded memory and time."""
+    monkeypatch.setattr(artifact_module, "make_session", None)
+    path = altered(tmp_path / "model.onnx", change)
+    start = time.process_time()
+    tracemalloc.start()
+    with pytest.raises(errors.InvalidGraph):
+        load_model(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 64e6
+    assert time.process_time() - start < 5
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        helper.make_node("MatMul", ["pose", "pose"], ["unused"]),
+        helper.make_node("MatMul", ["column", "pose"], ["unused"]),
+        helper.make_node("Gemm", ["pose", "pose"], ["unused"], transB=1),
+        helper.make_node("Gemm", ["pose", "pose"], ["unused"], transA=1),
+        helper.make_node("Concat", ["pose", "pose"], ["unused"], axis=0),
+        helper.make_node("Add", ["pose", "nowhere"], ["unused"]),
+        helper.make_node("Add", ["pose", "pose"], ["features"]),
+        helper.make_node("Add", ["pose", "pose"], ["pose"]),
+    ],
+)
+def test_a_node_whose_size_is_not_known(tmp_path: Path, node: onnx.NodeProto) -> None:
+    def change(model: onnx.ModelProto) -> None:
+        chained("Neg", "pose", 0)(model)
+        with_node(model, node)
+
+    with pytest.raises(errors.InvalidGraph):
+        load_model(altered(tmp_path / "model.onnx", change))
+
+
+@pytest.mark.parametrize("name", [WEIGHT, "pose"])
+def test_two_tensors_of_one_name(tmp_path: Path, name: str) -> None:
+    """Which of them is used would depend on the reader."""
+
+    def change(model: onnx.ModelProto) -> None:
+        model.graph.initializer.append(numpy_helper.from_array(np.ones((1, 7)), name))
+
+    with pytest.raises(errors.InvalidGraph) as caught:
+        load_model(altered(tmp_path / "model.onnx", change))
+    assert caught.value.part == name
+
+
+def test_more_references_than_can_be_compared_in_time(tmp_path: Path) -> None:
+    references = json.loads(entry(onnx.load_model_from_string(PACKAGED), "reference_poses").value)
+    path = with_entry(tmp_path / "model.onnx", "reference_poses", references * 9)
+    with pytest.raises(errors.InvalidMetadata) as caught:
+        load_model(path)
+    assert caught.value.key == "reference_poses"
+    with pytest.raises(errors.InvalidMetadata) as caught:
+        load_model(with_entry(path, "design", "d" * 2_000_000))
+    assert caught.value.key == "design"
+
+
+@pytest.mark.process
+def test_a_model_is_served_without_the_library_onnx() -> None:
+    """Another process, since this one has it."""
+    program = (
+        "import sys; sys.modules['onnx'] = None; "
+        "from annik_core.model.artifact import load_model; load_model('gantry')"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def if_node(*initializers: TensorProto) -> onnx.NodeProto:

@@ -51,7 +51,9 @@ def test_an_option_out_of_range_is_named(option: dict[str, object]) -> None:
 @pytest.mark.parametrize(
     "option",
     [
-        {"hidden_units": (4096,) * 8},
+        {"hidden_units": (4096,)},
+        {"hidden_units": (1,) * 8},
+        {"hidden_units": (1000, 800)},
         {"restarts": 1000},
         {"held_out_fraction": 0.0},
         {"held_out_fraction": 0.5},
