@@ -136,18 +136,22 @@ def failure(error: AnnikError) -> Actions:
 
 
 def ends_the_launch(
-    node: str, *, may_end: bool = True
+    node: str, *, may_end: bool = True, delay: float = 0.0
 ) -> Callable[[ProcessExited, LaunchContext], Actions | None]:
-    """What to do when a node ends: end all, with exit code 1 unless it may end and its is 0."""
+    """What to do when a node ends: end all, with exit code 1 unless it may end and its is 0.
+
+    Then the others have the delay [s] to finish.
+    """
 
     def on_exit(event: ProcessExited, context: LaunchContext) -> Actions | None:
-        from launch.actions import Shutdown
+        from launch.actions import Shutdown, TimerAction
 
         # Whoever ends the launch ends its processes too, and their exit codes mean nothing then.
         if context.is_shutdown:
             return None
         if event.returncode == 0 and may_end:
-            return [Shutdown(reason=f"{node} has ended")]
+            end = Shutdown(reason=f"{node} has ended")
+            return [TimerAction(period=delay, actions=[end])]
         # What is raised ends the launch with exit code 1; a Shutdown would give it 0.
         raise NodeEnded(node, event.returncode)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from annik_core.errors import InvalidValue, one_line
-from annik_core.files import bounded_yaml, read_text
+from annik_core.files import bounded_yaml, expanded, read_text
 from annik_core.installation import model_path, packaged_models
 from annik_core.target_paths import PathKind, TargetPath
 from annik_ros.parameters import parameter_table
@@ -106,7 +106,7 @@ def _setting(name: str, text: str) -> Any:
 
 
 def _new_folder(name: str, text: str) -> str:
-    folder = Path(text).expanduser()
+    folder = expanded(text)
     if text and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InvalidValue(name, text, "a folder that is new or empty")
     return text

@@ -3,11 +3,9 @@
 Everything ends when the path has been followed, or could not be: then with exit code 1.
 """
 
-from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from launch.actions import Shutdown, TimerAction
-from launch.events.process import ProcessExited
+from launch import LaunchDescription, LaunchDescriptionEntity
 
-from annik_ros.launch_actions import Launch, NodeEnded, ends_the_launch, launch_description
+from annik_ros.launch_actions import Launch, ends_the_launch, launch_description
 
 ARGUMENTS = ("model", "path", "csv_file", "rate", "loops", "bag", "namespace")
 
@@ -46,16 +44,7 @@ def _nodes(launch: Launch) -> list[LaunchDescriptionEntity]:
         launch.node(
             name,
             given,
-            _end if name == "target_publisher" else ends_the_launch(name, may_end=False),
+            ends_the_launch(name, may_end=name == "target_publisher", delay=END_DELAY),
         )
         for name, given in parameters.items()
     ]
-
-
-def _end(event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
-    if context.is_shutdown:
-        return None
-    if event.returncode != 0:
-        raise NodeEnded("target_publisher", event.returncode)
-    reason = "the path has been followed"
-    return [TimerAction(period=END_DELAY, actions=[Shutdown(reason=reason)])]

@@ -27,11 +27,10 @@ def generate_launch_description() -> LaunchDescription:
 
 def _node(launch: Launch) -> list[LaunchDescriptionEntity]:
     values = launch.values
-    model = values["model"] or launch.file_parameters("ik_node").get("model")
-    if not model:
+    in_file = launch.file_parameters("ik_node")
+    if not (values["model"] or in_file.get("model")):
         # The default is the gantry of the paper, which nobody has.
         raise InvalidValue("model", "", "the model of the robot, here or in params_file")
-    launch.file_parameters("ik_node")
     return [
         launch.node(
             "ik_node", {"model": values["model"] or None, "autostart": values["autostart"]}

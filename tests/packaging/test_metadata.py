@@ -83,6 +83,8 @@ def test_configuration_file_gives_every_parameter_its_default(node) -> None:
         assert row.checked(given[name]) == row.default, name
 
 
-@pytest.mark.parametrize("name", ["annik.launch.py", "demo.launch.py"])
-def test_launch_file_compiles(name) -> None:
-    compile((ROOT / "launch" / name).read_text(encoding="utf-8"), name, "exec")
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "launch").glob("*.launch.py")), ids=lambda path: path.name
+)
+def test_launch_file_compiles(path) -> None:
+    compile(path.read_text(encoding="utf-8"), path.name, "exec")
