@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.dataset import Dataset
-from annik_core.errors import InvalidValue, RobotMismatch
+from annik_core.errors import InvalidValue
 from annik_core.pose import FloatArray
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
@@ -19,8 +19,8 @@ from annik_core.settings import check_settings, setting
 from annik_training.calibration.errors import TooFewMeasurements
 from annik_training.calibration.estimation import Estimate, estimate
 from annik_training.calibration.model import ParametricModel, Part, nominal_kinematics
-from annik_training.calibration.observations import Noise, Observations, is_measured_alike
-from annik_training.calibration.outliers import find_outliers, stiff_and_flexible
+from annik_training.calibration.observations import Noise, Observations, check_measured_alike
+from annik_training.calibration.outliers import find_outliers
 from annik_training.calibration.uncertainty import (
     check_examples,
     error_bound_of,
@@ -125,8 +125,7 @@ def calibrate(
     begin = time.perf_counter()
     options = options or CalibrationOptions()
     nominal_kinematics(robot)
-    if not is_measured_alike(robot, dataset.robot):
-        raise RobotMismatch("the measured dataset", _described(robot), _described(dataset.robot))
+    check_measured_alike(robot, dataset.robot)
     dataset = replace(dataset, robot=robot)
     observations = Observations.of(dataset, position_only=options.position_only)
     with one_thread():
@@ -205,11 +204,6 @@ def _held_out_squares(
     return squares
 
 
-def _described(robot: Robot) -> str:
-    frames = f"{robot.base_frame} to {robot.end_effector_frame}"
-    return f"{robot.name} ({', '.join(robot.joint_names)}; {frames})"
-
-
 def _estimate(
     dataset: Dataset, observations: Observations, options: CalibrationOptions
 ) -> tuple[Estimate, tuple[Candidate, ...], NDArray[np.bool_]]:
@@ -220,7 +214,7 @@ def _estimate(
     noise = _UNKNOWN_NOISE
     if dataset.measurement_noise is not None:
         noise = _at_least(Noise(*dataset.measurement_noise))
-    outliers = find_outliers(stiff_and_flexible(robot), observations, noise, rng)
+    outliers = find_outliers(robot, observations, noise, rng)
     kept = observations.where(~outliers)
     _check_number(simplest, kept, int(outliers.sum()))
     fits = [

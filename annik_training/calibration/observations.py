@@ -9,18 +9,21 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import Dataset
-from annik_core.errors import NonFiniteValue
+from annik_core.errors import NonFiniteValue, RobotMismatch
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
 
 
-def is_measured_alike(one: Robot, other: Robot) -> bool:
-    """Whether poses measured on one are of the other: same joints, same frames."""
-    return (one.joint_names, one.base_frame, one.end_effector_frame) == (
-        other.joint_names,
-        other.base_frame,
-        other.end_effector_frame,
+def check_measured_alike(robot: Robot, measured: Robot) -> None:
+    """Raise RobotMismatch if poses were measured on a robot with other joints or frames."""
+    expected, found = (
+        f"({', '.join(one.joint_names)}; {one.base_frame} to {one.end_effector_frame})"
+        for one in (robot, measured)
     )
+    if expected != found:
+        raise RobotMismatch(
+            "the measured dataset", f"{robot.name} {expected}", f"{measured.name} {found}"
+        )
 
 
 @dataclass(frozen=True)
@@ -29,10 +32,6 @@ class Noise:
 
     position: float  #: of each coordinate [m]
     orientation: float  #: of each component of the rotation vector [rad]
-
-    def scaled(self, factor: float) -> Noise:
-        """Both, times a factor."""
-        return Noise(factor * self.position, factor * self.orientation)
 
 
 @dataclass(frozen=True, eq=False)

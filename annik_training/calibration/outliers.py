@@ -24,7 +24,7 @@ _EVALUATIONS = 25
 
 
 def find_outliers(
-    models: tuple[ParametricModel, ParametricModel],
+    robot: Robot,
     observations: Observations,
     noise: Noise,
     rng: np.random.Generator,
@@ -32,14 +32,16 @@ def find_outliers(
     """Examples ``(n,)`` that don't agree with the others.
 
     Residuals are compared with their own median, so that only the ratio of position to orientation
-    of the assumed noise matters. A robust fit of the stiff model, the geometry alone, finds the
-    gross outliers. Fits of the flexible one to the remaining examples find the others, and accept
-    those that only the stiff model could not explain.
+    of the assumed noise matters. A robust fit of a stiff model, the geometry alone, finds the
+    gross outliers. Fits of one with joint networks to the remaining examples find the others, and
+    accept those that only the stiff model could not explain.
 
     Raises:
         UnexplainedMeasurements: if they are more than :data:`_MOST` of all.
     """
-    stiff, flexible = models
+    geometry = frozenset({Part.GEOMETRY, Part.ALIGNMENT})
+    stiff = ParametricModel(robot, geometry)
+    flexible = ParametricModel(robot, geometry | {Part.JOINT_NETWORKS})
     fitted = estimate(stiff, observations, noise, np.zeros(stiff.size), _EVALUATIONS)
     for _ in range(_ROUNDS):
         weights = 1.0 / (1.0 + _squares(fitted) / observations.rows)
@@ -59,14 +61,6 @@ def find_outliers(
             break
     _check_number(outlying)
     return np.asarray(outlying, dtype=np.bool_)
-
-
-def stiff_and_flexible(robot: Robot) -> tuple[ParametricModel, ParametricModel]:
-    """The two models of :func:`find_outliers`."""
-    geometry = frozenset({Part.GEOMETRY, Part.ALIGNMENT})
-    return ParametricModel(robot, geometry), ParametricModel(
-        robot, geometry | {Part.JOINT_NETWORKS}
-    )
 
 
 def _squares(fitted: Estimate) -> FloatArray:

@@ -167,9 +167,7 @@ def error_bound_of(
 
 def _calibration(fitted: Estimate) -> float:
     """Ratio of the leave-one-out residuals to those that the estimate expects."""
-    rest = np.eye(fitted.observations.rows) - fitted.leverages
-    residuals = fitted.residuals
-    squares = np.einsum("nr,nr->n", residuals, np.linalg.solve(rest, residuals[..., None])[..., 0])
+    squares = np.einsum("nr,nr->n", fitted.residuals, fitted.left_out_residuals)
     return math.sqrt(float(squares.mean()) / fitted.observations.rows)
 
 

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from annik_core.dataset import Dataset
-from annik_core.errors import RobotMismatch
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_training.calibration.errors import NotCalibrated, NotHeldOut
-from annik_training.calibration.observations import is_measured_alike
+from annik_training.calibration.observations import check_measured_alike
 
 #: Number of regions of each joint's interval.
 REGIONS = 3
@@ -86,8 +85,7 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     if provenance.get("measurements_hash") == dataset.measurements_hash:
         raise NotHeldOut(len(dataset))
     nominal = robot_from_definition(robot.nominal_definition, robot.name)
-    if not is_measured_alike(dataset.robot, nominal):
-        raise RobotMismatch("the measured dataset", robot.name, dataset.robot.name)
+    check_measured_alike(nominal, dataset.robot)
     before, after = _errors(nominal, dataset), _errors(robot, dataset)
     bounds = np.array([robot.error_bound.at(row) for row in robot.in_box(dataset.joint_positions)])
     regions = tuple(_regions(dataset, before, after))
