@@ -6,7 +6,7 @@ import json
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -25,9 +25,9 @@ from annik_training.cli.options import (
     design_options,
     robot_options,
 )
-from annik_training.cli.plots import png
-from annik_training.designs.diagnostics import DesignDiagnostics, diagnose
-from annik_training.designs.plot import pair_figure
+
+if TYPE_CHECKING:
+    from annik_training.designs.diagnostics import DesignDiagnostics
 
 
 @click.command(
@@ -68,6 +68,10 @@ def design(seed: int, check: bool, plot: Path | None, out: Path | None, **choice
 
 def _check_design(dataset: Dataset, plot: Path) -> None:
     """Print diagnostics, and write them beside the pair plot."""
+    from annik_training.cli.plots import png
+    from annik_training.designs.diagnostics import diagnose
+    from annik_training.designs.plot import pair_figure
+
     robot = dataset.robot
     diagnostics = diagnose(dataset.joint_positions, robot.joint_box)
     _print_diagnostics(diagnostics)

@@ -26,7 +26,6 @@ from annik_training.cli.options import (
     measured_dataset,
 )
 from annik_training.cli.output import evaluation_table
-from annik_training.cli.plots import before_and_after, error_map
 from annik_training.evaluation import evaluation_dataset, network_errors
 
 _PERCENTILES = (("mean", None), ("p50", 50), ("p95", 95), ("max", 100))
@@ -68,6 +67,8 @@ def evaluate(
     title = f"{loaded.path}: {loaded.robot.name}"
     Console().print(evaluation_table(errors.summary(), title))
     if plot is not None:
+        from annik_training.cli.plots import error_map
+
         write_file(plot, error_map(errors))
         click.echo(f"wrote {plot}")
 
@@ -108,6 +109,8 @@ def _evaluate_measured(
     if summary is not None:
         write_file(summary, json.dumps(evaluation_summary(evaluation), indent=2) + "\n")
     if plot is not None:
+        from annik_training.cli.plots import before_and_after
+
         write_file(plot, before_and_after(evaluation))
         click.echo(f"wrote {plot}")
 

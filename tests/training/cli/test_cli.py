@@ -67,7 +67,10 @@ def test_help_names_every_command_and_says_what_it_does() -> None:
     [
         (["--help"], {"numpy", "onnxruntime", "scipy", "torch"}),
         (["report", "--help"], {"onnxruntime", "torch"}),
-        (["train", "--help"], {"torch"}),
+        (["train", "--help"], {"matplotlib", "onnxruntime", "scipy", "torch"}),
+        (["design", "--help"], {"matplotlib", "onnxruntime", "sympy", "torch"}),
+        (["evaluate", "--help"], {"matplotlib", "torch"}),
+        (["convert", "--help"], {"onnxruntime", "torch"}),
     ],
 )
 def test_help_and_report_load_nothing_heavy(arguments: list[str], forbidden: set[str]) -> None:
