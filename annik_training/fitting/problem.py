@@ -95,8 +95,12 @@ class InverseKinematicsSystem:
             workspace.resolve(pose, workspace.reference(example)).pose
             for pose, example in zip(poses, joint_positions, strict=True)
         ]
+        return self.encoded(np.array(resolved))
+
+    def encoded(self, poses: FloatArray) -> FloatArray:
+        """Features ``(n, m)`` of resolved poses ``(n, 7)``."""
         with torch.no_grad():
-            features: FloatArray = self.encoding(torch.from_numpy(np.array(resolved))).numpy()
+            features: FloatArray = self.encoding(torch.from_numpy(poses)).numpy()
         return features
 
     def inputs(self, joint_positions: FloatArray) -> FloatArray:

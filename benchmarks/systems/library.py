@@ -32,20 +32,15 @@ class RobotSystem(InverseKinematicsSystem):
 
     error_unit = "mm"
 
-    def features(self, poses: FloatArray, joint_positions: FloatArray) -> FloatArray:
+    def encoded(self, poses: FloatArray) -> FloatArray:
         """Features ``(n, m)``; those of the gantry are computed without torch.
 
         The last bit of torch's roots and arctangents differs between processors, whatever
         :mod:`benchmarks.same_rounding` sets, and fits would not repeat.
         """
-        workspace = self.robot.workspace
-        if not isinstance(workspace, GantryWorkspace):
-            return super().features(poses, joint_positions)
-        resolved = [
-            workspace.resolve(pose, workspace.reference(example)).pose.tolist()
-            for pose, example in zip(poses, joint_positions, strict=True)
-        ]
-        return np.array([[*pose[:3], *roll_pitch_yaw(pose[3:])] for pose in resolved])
+        if not isinstance(self.robot.workspace, GantryWorkspace):
+            return super().encoded(poses)
+        return np.array([[*pose[:3], *roll_pitch_yaw(pose[3:])] for pose in poses.tolist()])
 
     def errors(self, joint_positions: FloatArray, outputs: FloatArray) -> FloatArray:
         """Distances [mm] of the end effector at the outputs from that at the joint positions."""
