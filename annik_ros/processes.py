@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import NoReturn
 
 from annik_core.errors import AnnikError
@@ -111,10 +112,21 @@ class ChildProcess:
             _running.remove(self)
 
 
-def end_all() -> None:
-    """End every process that is still running, as after a signal."""
-    for process in tuple(_running):
-        process.end()
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """End the program on SIGINT, SIGTERM and SIGHUP; end every process when it ends."""
+
+    def end(number: int, frame: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    # Also in a shell's background, where SIGINT is ignored.
+    for number in _SIGNALS:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for process in tuple(_running):
+            process.end()
 
 
 @contextmanager

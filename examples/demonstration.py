@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any, NoReturn
 
 import click
 from rich.console import Console
 
 from annik_core.errors import AnnikError
-from annik_ros.processes import ChildProcess, end_all, wait_until
+from annik_ros.processes import ChildProcess, ended_by_signals, wait_until
 from msg_tools.bags.reader import read_bag
 from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
 
@@ -46,7 +44,7 @@ class Processes:
 
     def node(self, name: str, module: str, **parameters: object) -> ChildProcess:
         """Start a node of annik with parameters."""
-        arguments = [f"{key}:={_as_ros(value)}" for key, value in parameters.items()]
+        arguments = [f"{key}:={value}" for key, value in parameters.items()]
         flags = [text for argument in arguments for text in ("-p", argument)]
         return self._start(name, module, "--ros-args", *flags)
 
@@ -163,19 +161,12 @@ def run_demonstration(name: str, run: Callable[[Console], str]) -> NoReturn:
         run: prints progress to the console, and returns where the results are.
     """
     console = Console()
-    # In a shell's background SIGINT is ignored.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _on_termination)
-    try:
-        result = run(console)
-    except KeyboardInterrupt:
-        sys.exit(128 + signal.SIGINT)
-    except AnnikError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        sys.exit(1)
-    finally:
-        end_all()
+    with ended_by_signals():
+        try:
+            result = run(console)
+        except AnnikError as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            sys.exit(1)
     console.print(result)
     sys.exit(0)
 
@@ -185,13 +176,3 @@ def _recorded_errors(bag: Path) -> int:
     topics = read_bag(bag).topics
     names = (f"/{topic.name}" for topic in (POSITION_ERROR, ORIENTATION_ERROR))
     return min(topics[name].message_count if name in topics else 0 for name in names)
-
-
-def _as_ros(value: object) -> str:
-    """A value as ROS reads it from a command line: ``true``, not ``True``."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _on_termination(signal_number: int, frame: FrameType | None) -> NoReturn:
-    # An exception, so that the started processes are ended.
-    raise SystemExit(128 + signal_number)

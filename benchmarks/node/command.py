@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import sys
 from pathlib import Path
-from types import FrameType
-from typing import NoReturn
 
 import click
 
-from annik_core.files import ensure_writable_folder, write_files_atomically
-from annik_ros.processes import end_all
+from annik_core.files import ensure_writable_folder
+from annik_ros.processes import ended_by_signals
 from benchmarks.command_line import (
-    DOCS,
     chosen,
     docs_folder,
     docs_option,
     out_option,
+    output_folders,
     page_only_option,
     quick_option,
+    rewrite_page,
+    write_results,
 )
 from benchmarks.node.page import node_bench_page
 from benchmarks.node.results import NodeBenchResults
@@ -30,10 +29,6 @@ from benchmarks.node.settings import QUICK, NodeBenchSettings
 
 PAGE = "node_bench.md"
 DATA = "node_bench.json"
-#: Where both go in the documentation.
-_DOCS_FOLDER = "results"
-
-
 _STANDARD = NodeBenchSettings()
 _POSITIVE = click.FloatRange(0.0, min_open=True)
 
@@ -69,23 +64,15 @@ def node(
     Round trips, streams of targets, processor time, memory and start. Takes about half an hour.
     """
     if page_only:
-        folder = (docs or DOCS) / _DOCS_FOLDER
-        results = NodeBenchResults.from_dict(json.loads((folder / DATA).read_text("utf-8")))
-        write_files_atomically(folder, {PAGE: node_bench_page(results).encode()})
+        rewrite_page(
+            docs, PAGE, DATA, lambda data: node_bench_page(NodeBenchResults.from_dict(data))
+        )
         return
     settings = chosen(QUICK if quick else _STANDARD, amounts)
     docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
     _isolate()
-    # A shell that starts it in the background has SIGINT ignored.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _on_termination)
-    try:
+    with ended_by_signals():
         _bench(settings, out, docs)
-    except KeyboardInterrupt:
-        click.get_current_context().exit(128 + signal.SIGINT)
-    finally:
-        end_all()
 
 
 def _isolate() -> None:
@@ -96,26 +83,12 @@ def _isolate() -> None:
 
 
 def _bench(settings: NodeBenchSettings, out: Path, docs: Path | None) -> None:
-    folders = [out, *([docs / _DOCS_FOLDER] if docs is not None else [])]
+    folders = output_folders(out, docs)
     logs = out / "node_bench_logs"
-    for folder in (*folders, logs):
-        # Before the minutes of measuring, not after them.
-        ensure_writable_folder(folder)
+    ensure_writable_folder(logs)
     results = run_node_bench(
         settings, logs, lambda part: print(f"measuring {part}", file=sys.stderr, flush=True)
     )
     print(node_bench_page(results))
-    for folder in folders:
-        _write(results, folder)
-        print(f"wrote {PAGE} and {DATA} to {folder}")
-
-
-def _write(results: NodeBenchResults, folder: Path) -> None:
     data = json.dumps(results.to_dict(), indent=2) + "\n"
-    contents = {PAGE: node_bench_page(results).encode(), DATA: data.encode()}
-    write_files_atomically(folder, contents)
-
-
-def _on_termination(signal_number: int, frame: FrameType | None) -> NoReturn:
-    # An exception, so that the started processes are ended on the way out.
-    raise SystemExit(128 + signal_number)
+    write_results(folders, {PAGE: node_bench_page(results), DATA: data})
