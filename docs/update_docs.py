@@ -31,6 +31,7 @@ from annik_ros.parameters import Parameter
 from annik_training.designs.registry import DESIGNS
 from annik_training.designs.thirty_phase_design import describe_phases
 from benchmarks.conditions import machine
+from benchmarks.markdown import markdown_table
 from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent
@@ -39,12 +40,6 @@ README = DOCS.parent / "README.md"
 LEARN = DOCS / "learn_your_robot.md"
 PICTURES = {"errors.png": "tracking_error.png", "path.png": "path.png"}
 LEARN_PICTURES = {"before_and_after.png": "before_and_after.png"}
-
-
-def table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """A Markdown table."""
-    lines = [header, ("---",) * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def api() -> str:
@@ -58,7 +53,7 @@ def api() -> str:
             parameters = _parameters(value) if inspect.isfunction(value) else ""
             sentence = str(inspect.getdoc(value)).partition("\n\n")[0]
             rows.append((f"`{name}{parameters}`", _as_markdown(sentence)))
-        parts.append(f"## {package}\n\n{table(('name', 'what it is'), rows)}")
+        parts.append(f"## {package}\n\n{markdown_table(('name', 'what it is'), rows)}")
     return "\n\n".join(parts)
 
 
@@ -80,7 +75,7 @@ def _as_markdown(sentence: str) -> str:
 def topics() -> str:
     """All topics."""
     rows = [(f"`{t.name}`", f"`{t.type}`", t.publisher, t.subscriber, t.meaning) for t in TOPICS]
-    return table(("topic", "type", "published by", "received by", "meaning"), rows)
+    return markdown_table(("topic", "type", "published by", "received by", "meaning"), rows)
 
 
 def parameters(node: str) -> Callable[[], str]:
@@ -91,7 +86,7 @@ def parameters(node: str) -> Callable[[], str]:
             (f"`{row.name}`", _default(node, row), row.allowed, _when(row), row.description)
             for row in PARAMETER_TABLES[node]
         ]
-        return table(("parameter", "default", "allowed", "set", "meaning"), rows)
+        return markdown_table(("parameter", "default", "allowed", "set", "meaning"), rows)
 
     return parameter_rows
 
@@ -99,7 +94,7 @@ def parameters(node: str) -> Callable[[], str]:
 def services() -> str:
     """The services of ik_node."""
     rows = [(f"`{s.name}`", f"`{s.type}`", s.meaning) for s in SERVICES]
-    return table(("service", "type", "what it does"), rows)
+    return markdown_table(("service", "type", "what it does"), rows)
 
 
 def refusals() -> str:
@@ -109,7 +104,7 @@ def refusals() -> str:
         for status in IkStatus
         if status is not IkStatus.SUCCESS
     ]
-    return table(("`refused: ...` in /diagnostics", "when"), rows)
+    return markdown_table(("`refused: ...` in /diagnostics", "when"), rows)
 
 
 def diagnostics(node: str) -> Callable[[], str]:
@@ -117,14 +112,16 @@ def diagnostics(node: str) -> Callable[[], str]:
 
     def values() -> str:
         rows = [(f"`{key}`", meaning) for key, meaning in DIAGNOSTIC_VALUES[node].items()]
-        return table(("value", "meaning"), rows)
+        return markdown_table(("value", "meaning"), rows)
 
     return values
 
 
 def levels() -> str:
     """When a report is a warning or an error."""
-    return table(("level", "when"), [(f"{level}", when) for level, when in LEVELS.items()])
+    return markdown_table(
+        ("level", "when"), [(f"{level}", when) for level, when in LEVELS.items()]
+    )
 
 
 def designs() -> str:
@@ -133,7 +130,7 @@ def designs() -> str:
         (f"`{d.name}`", f"`{d.size.flag}`: {d.size.meaning}", f"{d.size.default}", d.description)
         for d in DESIGNS.values()
     ]
-    return table(("design", "size", "default", "what it is"), rows)
+    return markdown_table(("design", "size", "default", "what it is"), rows)
 
 
 def phases() -> str:
@@ -181,7 +178,7 @@ def demo(results: Mapping[str, object]) -> str:
         ),
         ("target to command", f"{latency['p50']:.0f} us median, {latency['p99']:.0f} us p99"),
     ]
-    measured = table(("measured by `./run demo`", ""), rows)
+    measured = markdown_table(("measured by `./run demo`", ""), rows)
     return f"{measured}\n\n{machine()}"
 
 
@@ -210,7 +207,7 @@ def learn(results: Mapping[str, object]) -> str:
                 f"{driven['orientation_error_deg']['max']:.5f} degrees worst",
             ),
         ]
-    return f"{table(('measured by `./run learn`', ''), rows)}\n\n{machine()}"
+    return f"{markdown_table(('measured by `./run learn`', ''), rows)}\n\n{machine()}"
 
 
 def _mapping(value: object) -> Mapping[str, float]:

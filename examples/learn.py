@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from annik_core.files import write_files_atomically
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.target_paths import CSV_COLUMNS
+from annik_training.cli.plots import png
 from examples.demonstration import (
     END_TIMEOUT,
     START_TIMEOUT,
@@ -186,9 +186,7 @@ def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
         axes.grid(visible=True, which="both", alpha=0.3)
         axes.legend()
     lower.set_xlabel("target")
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png(figure)
 
 
 @click.command()

@@ -8,7 +8,6 @@ grey print loses nothing.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from io import BytesIO
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator, ScalarFormatter
 
+from annik_training.cli.plots import png
 from annik_training.designs.registry import DESIGNS
 from benchmarks.study.summary import NEGLIGIBLE, SummaryRow
 
@@ -48,9 +48,7 @@ _SMALL, _TEXT, _TITLE = 7.0, 8.0, 9.0
 
 def efficiency_plot(rows: Sequence[SummaryRow], wanted: Sequence[int]) -> bytes:
     """What :func:`efficiency_figure` draws, as PNG."""
-    buffer = BytesIO()
-    efficiency_figure(rows, wanted).savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png(efficiency_figure(rows, wanted))
 
 
 def efficiency_figure(rows: Sequence[SummaryRow], wanted: Sequence[int]) -> Figure:
