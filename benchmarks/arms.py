@@ -26,6 +26,7 @@ from benchmarks.command_line import (
     names,
     numbers,
     out_option,
+    output_folders,
     quick_option,
     write_table,
 )
@@ -62,9 +63,7 @@ class _Settings:
     examples: tuple[int, ...] = (EXAMPLES, FEW_EXAMPLES)
     targets: int = 2000
     paths: int = 200
-    robots: tuple[str, ...] = tuple(
-        name for name in packaged_robots() if load_robot(name).kind == "arm"
-    )
+    robots: tuple[str, ...] = ()  #: none: all packaged arms
 
 
 _STANDARD = _Settings()
@@ -87,11 +86,13 @@ def arms(quick: bool, out: Path, docs: Path | None, **choices: Any) -> None:
     settings = chosen(_QUICK if quick else _STANDARD, choices)
     standard = settings == _STANDARD
     docs = docs_folder(docs, standard=standard, quick=quick)
+    folders = output_folders(out, docs)
+    packaged_arms = [name for name in packaged_robots() if load_robot(name).kind == "arm"]
     rows = []
     for examples in settings.examples:
         # The packaged models are those with the usual number of examples.
         models = ROOT / "models" if standard and examples == EXAMPLES else out / "models"
-        for name in settings.robots:
+        for name in settings.robots or packaged_arms:
             rows.append(_measured(name, examples, settings, models))
             click.echo(", ".join(rows[-1]))
     lines = [
@@ -102,7 +103,7 @@ def arms(quick: bool, out: Path, docs: Path | None, **choices: Any) -> None:
         "",
         markdown_table(_HEADER, rows),
     ]
-    write_table("arms", lines, out, docs)
+    write_table("arms", lines, folders)
 
 
 def _measured(name: str, examples: int, settings: _Settings, models: Path) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,7 +12,7 @@ from typing import Any, TypeVar
 import click
 
 from annik_core.errors import AnnikError, one_line
-from annik_core.files import ensure_writable_folder, write_files_atomically
+from annik_core.files import ensure_writable_folder, write_file, write_files_atomically
 
 ROOT = Path(__file__).parents[1]
 #: Where a benchmark writes, a folder for each.
@@ -102,18 +103,47 @@ def docs_folder(given: Path | None, *, standard: bool, quick: bool = False) -> P
     return DOCS if given is None and standard else given
 
 
-def write_table(name: str, lines: Sequence[str], out: Path, docs: Path | None) -> None:
-    """Show a page of a table, and write it as ``NAME.md`` to ``out``, and to results/ in ``docs``.
+def output_folders(out: Path, docs: Path | None, inside: str = "results") -> list[Path]:
+    """Where a benchmark writes: ``out``, and the folder ``inside`` the documentation.
+
+    To be called before the minutes of measuring, not after them.
 
     Raises:
-        NotWritable: if it can't be written.
+        NotWritable: naming the folder.
     """
+    folders = [out, *([docs / inside] if docs is not None else [])]
+    for folder in folders:
+        ensure_writable_folder(folder)
+    return folders
+
+
+def write_results(folders: Iterable[Path], contents: Mapping[str, str | bytes]) -> None:
+    """Write files by name into each of the folders, and say so; raise NotWritable if one can't."""
+    for folder in folders:
+        ensure_writable_folder(folder)
+        write_files_atomically(
+            folder,
+            {
+                name: content.encode() if isinstance(content, str) else content
+                for name, content in contents.items()
+            },
+        )
+        click.echo(f"wrote {' and '.join(contents)} to {folder}")
+
+
+def write_table(name: str, lines: Sequence[str], folders: Iterable[Path]) -> None:
+    """Show a page of a table, and write it as ``NAME.md``; raise NotWritable if it can't be."""
     text = "\n".join(lines) + "\n"
     click.echo(text)
-    for folder in (out, *([docs / "results"] if docs is not None else [])):
-        ensure_writable_folder(folder)
-        write_files_atomically(folder, {f"{name}.md": text.encode()})
-        click.echo(f"wrote {folder / name}.md")
+    write_results(folders, {f"{name}.md": text})
+
+
+def rewrite_page(
+    docs: Path | None, page: str, data: str, text_of: Callable[[Mapping[str, Any]], str]
+) -> None:
+    """Write a page in results/ of the documentation anew, from the data beside it."""
+    folder = (docs or DOCS) / "results"
+    write_file(folder / page, text_of(json.loads((folder / data).read_text("utf-8"))))
 
 
 def run(command: click.Command, name: str) -> None:

@@ -40,6 +40,7 @@ from benchmarks.command_line import (
     docs_folder,
     docs_option,
     out_option,
+    output_folders,
     quick_option,
     write_table,
 )
@@ -181,6 +182,7 @@ def fit_methods(quick: bool, out: Path, docs: Path | None, **choices: int | None
     """Two ways to fit the paper's network: separable and plain Levenberg-Marquardt."""
     settings = chosen(_QUICK if quick else _STANDARD, choices)
     docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
+    folders = output_folders(out, docs)
     torch.set_num_threads(1)
     robot = load_robot("gantry")
     unseen = random_dataset(robot, robot.joint_box, 2000, seed=20_000).poses
@@ -211,4 +213,4 @@ def fit_methods(quick: bool, out: Path, docs: Path | None, **choices: int | None
         "",
         table(outcomes, {name: len(dataset) for name, dataset in datasets.items()}),
     ]
-    write_table("fit_methods", lines, out, docs)
+    write_table("fit_methods", lines, folders)

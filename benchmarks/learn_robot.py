@@ -9,7 +9,6 @@ were not used in development.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,12 +16,10 @@ from typing import Any
 
 import click
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import MEASURED, Dataset
-from annik_core.files import write_files_atomically
 from annik_core.model.artifact import Model, load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
@@ -35,6 +32,7 @@ from annik_training.calibration.calibrate import (
 from annik_training.calibration.estimation import estimate
 from annik_training.calibration.model import ParametricModel, Part
 from annik_training.calibration.observations import Noise, Observations
+from annik_training.cli.plots import png
 from annik_training.defaults import DEFAULTS
 from annik_training.designs.registry import DESIGNS, make_design
 from annik_training.designs.sampling import generate_dataset
@@ -47,7 +45,9 @@ from benchmarks.command_line import (
     docs_option,
     numbers,
     out_option,
+    output_folders,
     quick_option,
+    write_results,
     write_table,
 )
 from benchmarks.conditions import machine
@@ -90,6 +90,7 @@ def learn_robot(quick: bool, out: Path, docs: Path | None, **choices: Any) -> No
     """Calibrate simulated UR5es that differ from their description. Takes about an hour."""
     settings = chosen(_QUICK if quick else _STANDARD, choices)
     docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
+    folders, image_folders = output_folders(out, docs), output_folders(out, docs, "images")
     header, rows = _robots(settings.seeds, out / "learn_robot")
     sweep = _sweep(settings)
     sweep_rows = [
@@ -116,9 +117,8 @@ def learn_robot(quick: bool, out: Path, docs: Path | None, **choices: Any) -> No
         "",
         markdown_table(("design", *map(str, settings.sizes)), sweep_rows),
     ]
-    write_table("learn_robot", lines, out, docs)
-    for folder in (out, *([docs / "images"] if docs is not None else [])):
-        write_files_atomically(folder, {FIGURE: _figure(sweep)})
+    write_table("learn_robot", lines, folders)
+    write_results(image_folders, {FIGURE: _figure(sweep)})
 
 
 def _robots(seeds: Sequence[int], models: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -273,8 +273,7 @@ def _size_of(design: str, examples: int) -> int:
 
 
 def _figure(sweep: dict[str, list[tuple[int, float]]]) -> bytes:
-    figure = Figure(figsize=(7, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=(7, 4.5), dpi=110, layout="constrained")
     axes: Any = figure.subplots()
     for design, points in sweep.items():
         counts, errors = zip(*points, strict=True)
@@ -288,6 +287,4 @@ def _figure(sweep: dict[str, list[tuple[int, float]]]) -> bytes:
     axes.set_ylabel("mean position error of the learned UR5e [mm]")
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.legend()
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    return content.getvalue()
+    return png(figure)

@@ -20,6 +20,7 @@ from benchmarks.command_line import (
     docs_folder,
     docs_option,
     out_option,
+    output_folders,
     quick_option,
     write_table,
 )
@@ -38,6 +39,7 @@ def solve_time(rounds: int | None, quick: bool, out: Path, docs: Path | None) ->
     """The time of a solve of the gantry, part by part."""
     rounds = rounds or (_QUICK_ROUNDS if quick else _ROUNDS)
     docs = docs_folder(docs, standard=rounds == _ROUNDS, quick=quick)
+    folders = output_folders(out, docs)
     solver = IkSolver.from_file(default_model_path())
     robot = solver.robot
     rng = np.random.default_rng(0)
@@ -71,4 +73,4 @@ def solve_time(rounds: int | None, quick: bool, out: Path, docs: Path | None) ->
         "",
         markdown_table(("part", "median [us]", "p99 [us]", "median / network"), rows),
     ]
-    write_table("solve_time", lines, out, docs)
+    write_table("solve_time", lines, folders)

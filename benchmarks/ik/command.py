@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -18,19 +17,20 @@ from rich.progress import (
 )
 
 from annik_core.errors import AnnikError
-from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.installation import share_directory
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from benchmarks.command_line import (
-    DOCS,
     FILE,
     chosen,
     docs_folder,
     docs_option,
     out_option,
+    output_folders,
     page_only_option,
     quick_option,
+    rewrite_page,
+    write_results,
 )
 from benchmarks.ik.page import bench_page
 from benchmarks.ik.results import QUICK, BenchResults, BenchSettings
@@ -40,8 +40,6 @@ from benchmarks.ik.terminal import print_results
 
 PAGE = "ik_bench.md"
 DATA = "ik_bench.json"
-#: Where both go in the documentation.
-_DOCS_FOLDER = "results"
 _FILE_WIDTH = 120
 _STANDARD = BenchSettings()
 
@@ -108,17 +106,12 @@ def ik(
     own.
     """
     if page_only:
-        folder = (docs or DOCS) / _DOCS_FOLDER
-        results = BenchResults.from_dict(json.loads((folder / DATA).read_text("utf-8")))
-        write_files_atomically(folder, {PAGE: bench_page(results).encode()})
+        rewrite_page(docs, PAGE, DATA, lambda data: bench_page(BenchResults.from_dict(data)))
         return
     settings = chosen(QUICK if quick else _STANDARD, amounts)
     standard = settings == _STANDARD and robot_name == "ur5e" and model is None
     docs = docs_folder(docs, standard=standard, quick=quick)
-    folders = [out, *([docs / _DOCS_FOLDER] if docs is not None else [])]
-    for folder in folders:
-        # Before the minutes of measuring, not after them.
-        ensure_writable_folder(folder)
+    folders = output_folders(out, docs)
     robot = load_robot(robot_name)
     robot_problem(robot)
     artifact = load_model(model or _packaged_model(robot.name), robot)
@@ -135,9 +128,8 @@ def ik(
     console = Console()
     # A file or a pipe has no width of its own, and rich would take 80 columns for it.
     print_results(results, console if console.is_terminal else Console(width=_FILE_WIDTH))
-    for folder in folders:
-        _write(results, folder)
-        Console().print(f"wrote {PAGE} and {DATA} to {escape(str(folder))}", soft_wrap=True)
+    data = json.dumps(results.to_dict(), indent=2, allow_nan=False) + "\n"
+    write_results(folders, {PAGE: bench_page(results), DATA: data})
 
 
 def _packaged_model(robot: str) -> Path:
@@ -160,8 +152,3 @@ class _Shown:
             self._tasks[part] = self._progress.add_task(part, total=total)
         if done == total or done % max(1, total // 100) == 0:
             self._progress.update(self._tasks[part], completed=done, refresh=True)
-
-
-def _write(results: BenchResults, folder: Path) -> None:
-    data = json.dumps(results.to_dict(), indent=2, allow_nan=False) + "\n"
-    write_files_atomically(folder, {PAGE: bench_page(results).encode(), DATA: data.encode()})

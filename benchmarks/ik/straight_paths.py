@@ -101,10 +101,9 @@ def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray 
     followed = []
     side = 0.0
     for pose in poses:
-        linearise = robot.forward_kinematics.linearise
         found = positions
         for _ in range(_NEWTON_STEPS):
-            error = linearise(found, pose)
+            error = robot.forward_kinematics.linearise(found, pose)
             if error.distance <= _LEFT:
                 break
             jacobian = error.jacobian[:, free]
@@ -119,7 +118,7 @@ def _followed(robot: Robot, poses: FloatArray, start: FloatArray) -> FloatArray 
             return None
         if len(free) == 6:
             # Singular where the determinant is zero; so its sign tells the sides apart.
-            sign = float(np.sign(np.linalg.det(linearise(found, pose).jacobian[:, free])))
+            sign = float(np.sign(np.linalg.det(error.jacobian[:, free])))
             if side not in (0.0, sign):
                 return None
             side = sign
