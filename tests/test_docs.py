@@ -12,13 +12,12 @@ from pathlib import Path, PurePosixPath
 
 import click
 import pytest
-from support.processes import run_python
+from support.processes import ROOT, run_python
 
 from annik_core.robots.library import packaged_robots
 from annik_ros.parameter_tables import PARAMETER_TABLES
 from msg_tools.topics import TOPICS
 
-ROOT = Path(__file__).parents[1]
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
     *sorted((ROOT / "docs").rglob("*.md")),

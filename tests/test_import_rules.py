@@ -8,9 +8,8 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-from support.processes import LONG_PATIENCE, run_python
+from support.processes import LONG_PATIENCE, ROOT, run_python
 
-ROOT = Path(__file__).parents[1]
 PACKAGES = ("annik_core", "annik_training", "msg_tools", "annik_ros")
 NOT_INSTALLED = {"benchmarks", "examples", "tests", "docs"}
 TORCH = {"torch", "onnxscript"}

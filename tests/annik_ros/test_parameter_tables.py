@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
 
 import pytest
 import yaml
@@ -27,7 +26,6 @@ from annik_ros.parameters import (
     parameters_of,
 )
 
-ROOT = Path(__file__).parents[2]
 ROWS = [
     pytest.param(row, id=f"{node}-{row.name}")
     for node, table in PARAMETER_TABLES.items()

@@ -45,7 +45,6 @@ from benchmarks.study.summary import (
 from benchmarks.study.training_options import TRAINING_MEANINGS, TRAINING_OPTIONS
 from benchmarks.systems.library import load_system
 
-ROOT = Path(__file__).resolve().parents[2]
 TINY = StudySettings(
     systems=("elbow_arm", "gantry"),
     designs=("thirty_phase", "workspace_grid", "sobol"),

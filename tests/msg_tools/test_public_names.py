@@ -2,21 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
-
 import pytest
 from support.processes import run_python
-
-import msg_tools
-
-
-def test_the_names_are_sorted_documented_and_there() -> None:
-    assert msg_tools.__all__ == sorted(msg_tools.__all__) == dir(msg_tools)
-    pytest.importorskip("geometry_msgs")
-    for name in msg_tools.__all__:
-        assert inspect.getdoc(getattr(msg_tools, name))
-    with pytest.raises(AttributeError, match="nothing"):
-        _ = msg_tools.nothing
 
 
 @pytest.mark.process

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.processes import ROOT
 
 from annik_core.errors import AnnikError, InvalidValue
 from annik_core.pose import FloatArray, pose_distance
@@ -30,7 +31,6 @@ from annik_core.simulation.imperfections import (
     read_imperfections,
 )
 
-ROOT = Path(__file__).parents[3]
 UR5E = load_robot("ur5e")
 ARMS = ("ur5e", "panda", "iiwa14", "puma560", "xarm6", "scara")
 SEEDS = st.integers(0, 2**31 - 1)
