@@ -172,15 +172,13 @@ class CommandSafety:
         (-math.inf,) * 3,
         "Least x, y, z of a target in the base frame; a target beyond is refused.",
         unit="m",
-        minimum=-math.inf,
-        maximum=math.inf,
+        within=(-math.inf, math.inf),
     )
     workspace_box_upper: tuple[float, ...] = setting(
         (math.inf,) * 3,
         "Greatest x, y, z of a target in the base frame; a target beyond is refused.",
         unit="m",
-        minimum=-math.inf,
-        maximum=math.inf,
+        within=(-math.inf, math.inf),
     )
     max_target_age: float = upper_limit(
         math.inf,
@@ -199,8 +197,7 @@ class CommandSafety:
         "Expected rate of targets. A lower rate is a diagnostic warning; at a higher rate "
         "max_joint_velocity takes commands to be 1 / expected_rate apart. 0: unknown.",
         unit="Hz",
-        minimum=0.0,
-        maximum=100_000.0,
+        within=(0.0, 100_000.0),
     )
     max_measured_step: float = upper_limit(
         math.inf,

@@ -159,22 +159,21 @@ def setting(
     description: str,
     *,
     unit: str = "",
-    minimum: float | None = None,
+    within: tuple[float | None, float | None] = (None, None),
     greater_than: float | None = None,
-    maximum: float | None = None,
     choices: tuple[str, ...] = (),
     **metadata: object,
 ) -> Value:
     """A field of a dataclass that may be set; for the arguments see :class:`Setting`.
 
-    Further keyword arguments become further metadata of the field.
+    ``within`` are its minimum and maximum. Other keyword arguments are further metadata.
     """
     described = {
         "description": description,
         "unit": unit,
-        "minimum": minimum,
+        "minimum": within[0],
         "greater_than": greater_than,
-        "maximum": maximum,
+        "maximum": within[1],
         "choices": choices,
     }
     # For type checkers the field has the type of its default, as with dataclasses.field.
@@ -184,12 +183,7 @@ def setting(
 
 def upper_limit(default: float, description: str, unit: str) -> float:
     """A setting of more than 0; infinity: no limit."""
-    return setting(default, description, unit=unit, greater_than=0.0, maximum=math.inf)
-
-
-def size(default: float, description: str, unit: str, most: float) -> float:
-    """A setting from 0 to ``most``."""
-    return setting(default, description, unit=unit, minimum=0.0, maximum=most)
+    return setting(default, description, unit=unit, greater_than=0.0, within=(None, math.inf))
 
 
 def settings_of(settings: type) -> tuple[Setting, ...]:

@@ -154,10 +154,7 @@ class TargetPath:
 
     path: PathKind = setting(PathKind.DIAGONAL, "The path. diagonal: the paper's test path.")
     points: int = setting(
-        DIAGONAL_POINTS,
-        "How many targets the path has; csv: ignored.",
-        minimum=2,
-        maximum=10_000_000,
+        DIAGONAL_POINTS, "How many targets the path has; csv: ignored.", within=(2, 10_000_000)
     )
     csv_file: str = setting(
         "", "For csv: file with the header x,y,z,qx,qy,qz,qw [m, unit quaternion]."
@@ -178,11 +175,7 @@ class TargetPath:
         (0.3, 0.35, 0.65), "For circle: centre x, y, z.", unit="m"
     )
     circle_radius: float = setting(
-        0.08,
-        "For circle: radius, in the plane of constant z.",
-        unit="m",
-        minimum=1e-6,
-        maximum=1000.0,
+        0.08, "For circle: radius, in the plane of constant z.", unit="m", within=(1e-6, 1000.0)
     )
     circle_roll_pitch_yaw: tuple[float, ...] = setting(
         (0.5, 0.5, 0.5), "For circle: orientation, about the fixed x, y, z axes.", unit="rad"

@@ -19,22 +19,19 @@ class CollectionSettings:
         100.0,
         "Commands per second, also while the robot stands still.",
         unit="Hz",
-        minimum=1.0,
-        maximum=1000.0,
+        within=(1.0, 1000.0),
     )
     max_joint_velocity: float = setting(
         0.5,
         "Velocity of the joint that moves furthest; the others arrive at the same time.",
         unit="rad/s or m/s",
-        minimum=1e-6,
-        maximum=1000.0,
+        within=(1e-6, 1000.0),
     )
     max_joint_acceleration: float = setting(
         1.0,
         "Acceleration and deceleration of that joint.",
         unit="rad/s^2 or m/s^2",
-        minimum=1e-6,
-        maximum=100_000.0,
+        within=(1e-6, 100_000.0),
     )
     max_measured_step: float = upper_limit(
         0.2,
@@ -47,30 +44,27 @@ class CollectionSettings:
         0.5,
         "Longest time without joint_states; after it the node stops with exit code 1.",
         unit="s",
-        minimum=1e-3,
-        maximum=3600.0,
+        within=(1e-3, 3600.0),
     )
     workspace_box_lower: tuple[float, ...] = setting(
         CommandSafety.workspace_box_lower,
         "Least x, y, z of the end effector in the base frame, by the forward kinematics, at the "
         "examples and on the way; an example that can't be reached inside the box is skipped.",
         unit="m",
-        minimum=-math.inf,
-        maximum=math.inf,
+        within=(-math.inf, math.inf),
     )
     workspace_box_upper: tuple[float, ...] = setting(
         CommandSafety.workspace_box_upper,
         "Greatest x, y, z, likewise.",
         unit="m",
-        minimum=-math.inf,
-        maximum=math.inf,
+        within=(-math.inf, math.inf),
     )
     settle_tolerance: float = setting(
         0.005,
         "The robot has arrived when no measured joint is further than this from its command.",
         unit="rad or m",
         greater_than=0.0,
-        maximum=1000.0,
+        within=(None, 1000.0),
     )
     still_tolerance: float = setting(
         0.0005,
@@ -78,36 +72,29 @@ class CollectionSettings:
         "the encoders.",
         unit="rad or m",
         greater_than=0.0,
-        maximum=1000.0,
+        within=(None, 1000.0),
     )
     settle_time: float = setting(
         0.5,
         "How long the robot must stand still before it is measured. Must exceed the latency of "
         "measured_pose, or poses of the motion are averaged too.",
         unit="s",
-        minimum=0.0,
-        maximum=3600.0,
+        within=(0.0, 3600.0),
     )
     settle_timeout: float = setting(
         10.0,
         "Longest wait for the robot to stand still; after it the example has failed for now. A "
         "robot that lags behind for this long stops the node. Longer than settle_time.",
         unit="s",
-        minimum=0.0,
-        maximum=3600.0,
+        within=(0.0, 3600.0),
     )
     samples: int = setting(
         10,
         "How many measured poses are averaged for an example. A journal keeps its number.",
-        minimum=1,
-        maximum=100_000,
+        within=(1, 100_000),
     )
     pose_timeout: float = setting(
-        5.0,
-        "Longest wait for the samples of one measurement.",
-        unit="s",
-        minimum=1e-3,
-        maximum=3600.0,
+        5.0, "Longest wait for the samples of one measurement.", unit="s", within=(1e-3, 3600.0)
     )
     max_position_spread: float = upper_limit(
         0.005,
@@ -134,21 +121,16 @@ class CollectionSettings:
     max_repeats: int = setting(
         3,
         "How often a measurement is repeated before its example has failed for now.",
-        minimum=0,
-        maximum=1000,
+        within=(0, 1000),
     )
     max_retries: int = setting(
-        2,
-        "How often a failed example is visited again, after all others.",
-        minimum=0,
-        maximum=1000,
+        2, "How often a failed example is visited again, after all others.", within=(0, 1000)
     )
     max_failures_in_a_row: int = setting(
         5,
         "After this many failed examples in a row the node stops with exit code 1: the set-up is "
         "at fault.",
-        minimum=1,
-        maximum=1_000_000,
+        within=(1, 1_000_000),
     )
 
     def __post_init__(self) -> None:

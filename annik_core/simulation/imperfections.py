@@ -23,7 +23,7 @@ from annik_core.robots.corrected_kinematics import JointCorrectedKinematics
 from annik_core.robots.corrections import JointCorrection
 from annik_core.robots.kinematic_errors import ErrorKind, geometric_errors, placements_of
 from annik_core.robots.robot import ForwardKinematics, Robot
-from annik_core.settings import Setting, check_settings, setting, settings_of, size
+from annik_core.settings import Setting, check_settings, setting, settings_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,24 +107,20 @@ class Imperfections:
     transmission_amplitude: FloatArray
     transmission_phase: FloatArray
     backlash: FloatArray
-    position_noise: float = size(
+    position_noise: float = setting(
         0.0,
         "Standard deviation of a measured position along each axis.",
         unit="m",
-        most=LARGEST_LENGTH,
+        within=(0.0, LARGEST_LENGTH),
     )
-    orientation_noise: float = size(
+    orientation_noise: float = setting(
         0.0,
         "Standard deviation of a measured orientation about each axis.",
         unit="rad",
-        most=LARGEST_ANGLE,
+        within=(0.0, LARGEST_ANGLE),
     )
-    dropped: float = setting(
-        0.0, "Probability that a measurement is lost.", minimum=0.0, maximum=1.0
-    )
-    noise_seed: int = setting(
-        0, "Seed of noise and lost measurements.", minimum=0, maximum=LARGEST_SEED
-    )
+    dropped: float = setting(0.0, "Probability that a measurement is lost.", within=(0.0, 1.0))
+    noise_seed: int = setting(0, "Seed of noise and lost measurements.", within=(0, LARGEST_SEED))
 
     def __post_init__(self) -> None:
         dof = np.size(self.joint_zero)
@@ -305,48 +301,48 @@ def _check_keys(data: object, what: str, known: Collection[str], source: str) ->
 class ImperfectionMagnitudes:
     """Magnitudes of random imperfections; by default about those of an arm as delivered."""
 
-    joint_zero_error: float = size(
+    joint_zero_error: float = setting(
         math.radians(0.5),
         "Largest random error of the zero of a joint.",
         unit="rad",
-        most=LARGEST_ANGLE,
+        within=(0.0, LARGEST_ANGLE),
     )
-    link_length_error: float = size(
+    link_length_error: float = setting(
         1e-3,
         "Largest random error of the length of a link, and of the offset of a joint along its "
         "axis.",
         unit="m",
-        most=LARGEST_LENGTH,
+        within=(0.0, LARGEST_LENGTH),
     )
-    link_twist_error: float = size(
+    link_twist_error: float = setting(
         math.radians(0.3),
         "Largest random error of the twist of a link.",
         unit="rad",
-        most=LARGEST_ANGLE,
+        within=(0.0, LARGEST_ANGLE),
     )
-    transmission_error: float = size(
+    transmission_error: float = setting(
         math.radians(0.2),
         "Largest random amplitude of the periodic transmission error of a revolute joint.",
         unit="rad",
-        most=LARGEST_ANGLE,
+        within=(0.0, LARGEST_ANGLE),
     )
-    backlash: float = size(
-        0.0, "Largest random backlash of a joint.", unit="rad or m", most=LARGEST_LENGTH
+    backlash: float = setting(
+        0.0, "Largest random backlash of a joint.", unit="rad or m", within=(0.0, LARGEST_LENGTH)
     )
-    position_noise: float = size(
+    position_noise: float = setting(
         20e-6,
         "Standard deviation of a measured position along each axis.",
         unit="m",
-        most=LARGEST_LENGTH,
+        within=(0.0, LARGEST_LENGTH),
     )
-    orientation_noise: float = size(
+    orientation_noise: float = setting(
         math.radians(0.002),
         "Standard deviation of a measured orientation about each axis.",
         unit="rad",
-        most=LARGEST_ANGLE,
+        within=(0.0, LARGEST_ANGLE),
     )
     dropped_measurements: float = setting(
-        0.0, "Probability that a measurement is lost.", minimum=0.0, maximum=1.0
+        0.0, "Probability that a measurement is lost.", within=(0.0, 1.0)
     )
 
     def __post_init__(self) -> None:

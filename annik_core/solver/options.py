@@ -17,15 +17,13 @@ class RefinementOptions:
         10,
         "Most iterations of the refinement of one target, which bounds its time; a solution that "
         "has not converged by then is refused.",
-        minimum=0,
-        maximum=1000,
+        within=(0, 1000),
     )
     tolerance: float = setting(
         5e-7,
         "The refinement has converged when distance and angle to the target are at most this.",
         unit="m and rad",
-        minimum=1e-12,
-        maximum=1.0,
+        within=(1e-12, 1.0),
     )
 
     def __post_init__(self) -> None:

@@ -22,9 +22,5 @@ class BagRecorderParameters:
         "Topics to record, relative or absolute; by default all topics of annik.",
     )
     duration: float = parameter(
-        0.0,
-        "How long to record after subscribing; 0: until stopped.",
-        unit="s",
-        minimum=0.0,
-        maximum=1e9,
+        0.0, "How long to record after subscribing; 0: until stopped.", unit="s", within=(0.0, 1e9)
     )

@@ -31,8 +31,7 @@ class ExampleCollectorParameters:
         "How long to wait at the start for joint_states, measured_pose and a subscriber of "
         "joint_command, before the node ends with exit code 1.",
         unit="s",
-        minimum=0.0,
-        maximum=math.inf,
+        within=(0.0, math.inf),
     )
 
     @property

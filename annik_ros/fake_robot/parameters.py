@@ -48,8 +48,7 @@ class FakeRobotParameters:
         -1,
         "Seed of the random errors of an imperfect arm, uniform up to the magnitudes below, and "
         "of the noise of its measurements. One seed, one arm; -1: a perfect robot.",
-        minimum=-1,
-        maximum=LARGEST_SEED,
+        within=(-1, LARGEST_SEED),
     )
     magnitudes: ImperfectionMagnitudes = parameters_of(ImperfectionMagnitudes)
     measurement_rate: float = parameter(
@@ -57,8 +56,7 @@ class FakeRobotParameters:
         "Rate of measured_pose, as of a tracker, and of joint_states with the same stamp. "
         "0: never.",
         unit="Hz",
-        minimum=0.0,
-        maximum=10_000.0,
+        within=(0.0, 10_000.0),
     )
 
     def __post_init__(self) -> None:

@@ -55,8 +55,7 @@ class IkNodeParameters:
         0.5,
         "How long the measured position of a joint counts after its arrival.",
         unit="s",
-        minimum=1e-3,
-        maximum=3600.0,
+        within=(1e-3, 3600.0),
         read_only=False,
     )
     on_refusal: OnRefusal = parameter(
@@ -77,23 +76,20 @@ class IkNodeParameters:
         0.1,
         "Time from one point of a trajectory to the next, and to the first.",
         unit="s",
-        minimum=1e-3,
-        maximum=1000.0,
+        within=(1e-3, 1000.0),
         read_only=False,
     )
     max_path_poses: int = parameter(
         1000,
         "Most poses in target_poses, which bounds the time of its solution; other targets wait.",
-        minimum=1,
-        maximum=1_000_000,
+        within=(1, 1_000_000),
         read_only=False,
     )
     queue_depth: int = parameter(
         1,
         "How many targets may wait while one is solved. 1: the newest replaces the one that "
         "waits, as a controller needs; more: none of a burst is dropped.",
-        minimum=1,
-        maximum=100_000,
+        within=(1, 100_000),
     )
     autostart: bool = parameter(
         True, "true: configure and activate at the start; false: wait for lifecycle transitions."

@@ -31,9 +31,9 @@ class TargetPublisherParameters:
         "diagonal is straight in joint space.",
     )
     path: TargetPath = parameters_of(TargetPath)
-    rate: float = parameter(10.0, "Targets per second.", unit="Hz", minimum=1e-3, maximum=10_000.0)
+    rate: float = parameter(10.0, "Targets per second.", unit="Hz", within=(1e-3, 10_000.0))
     loops: int = parameter(
-        1, "How often to follow the path; 0: without end.", minimum=0, maximum=1_000_000_000
+        1, "How often to follow the path; 0: without end.", within=(0, 1_000_000_000)
     )
     stamped: bool = parameter(
         False, "Publish PoseStamped on target_pose_stamped instead of Pose on target_pose."
@@ -44,15 +44,13 @@ class TargetPublisherParameters:
     wait_for_subscribers: int = parameter(
         1,
         "How many subscribers there must be before the first target is published.",
-        minimum=0,
-        maximum=1000,
+        within=(0, 1000),
     )
     wait_timeout: float = parameter(
         30.0,
         "How long to wait for them, before the node ends with exit code 1.",
         unit="s",
-        minimum=0.0,
-        maximum=math.inf,
+        within=(0.0, math.inf),
     )
     expected_results: ExpectedResults = parameter(
         ExpectedResults.NONE,

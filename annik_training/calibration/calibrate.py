@@ -54,14 +54,16 @@ class CalibrationOptions:
     """
 
     position_only: bool = setting(False, "Ignore the orientations: they were not measured.")
-    seed: int = setting(0, "Seed of the initial networks and of the error bound.", minimum=0)
+    seed: int = setting(
+        0, "Seed of the initial networks and of the error bound.", within=(0, None)
+    )
     #: Sets of parts of the model to choose from, the simplest first.
     candidates: tuple[frozenset[Part], ...] = CANDIDATES
     restarts: int = setting(
-        2, "Number of fits from random initial networks; the best is used.", minimum=1, maximum=100
+        2, "Number of fits from random initial networks; the best is used.", within=(1, 100)
     )
     max_evaluations: int = setting(
-        100, "Most evaluations of the residuals in one fit.", minimum=1, maximum=100_000
+        100, "Most evaluations of the residuals in one fit.", within=(1, 100_000)
     )
 
     def __post_init__(self) -> None:

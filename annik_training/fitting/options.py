@@ -28,23 +28,20 @@ class FitOptions:
     restarts: int = setting(
         6,
         "Number of fits from random initial weights.",
-        minimum=1,
-        maximum=1000,
+        within=(1, 1000),
         flag="--restarts",
     )
     held_out_fraction: float = setting(
         0.15,
         "Fraction of the examples that only choose the best restart. With 0 all are fitted, and "
         "the smallest error on them decides.",
-        minimum=0.0,
-        maximum=0.5,
+        within=(0.0, 0.5),
         flag="--held-out",
     )
     max_evaluations: int = setting(
         50,
         "Most evaluations of the residual in one restart.",
-        minimum=1,
-        maximum=100_000,
+        within=(1, 100_000),
         flag="--max-evaluations",
     )
     linear_path: bool = setting(
@@ -54,8 +51,7 @@ class FitOptions:
         0.0,
         "Weight of the derivatives beside the outputs, both scaled. 0 is off; 1 suits examples "
         "without noise.",
-        minimum=0.0,
-        maximum=1e6,
+        within=(0.0, 1e6),
         flag="--sobolev",
     )
     bayesian_regularisation: bool = setting(
@@ -75,10 +71,10 @@ class FitOptions:
         "Weight of the output weights beside the residuals; without effect if the evidence "
         "chooses it, and with lbfgs.",
         greater_than=0.0,
-        maximum=1.0,
+        within=(None, 1.0),
     )
     seed: int = setting(
-        0, "Seed of the held-out examples and the initial weights.", minimum=0, maximum=_MAX_SEED
+        0, "Seed of the held-out examples and the initial weights.", within=(0, _MAX_SEED)
     )
 
     def __post_init__(self) -> None:

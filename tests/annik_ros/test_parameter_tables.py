@@ -40,17 +40,17 @@ class _Colour(Enum):
 
 @dataclass(frozen=True)
 class _Limits:
-    limit: float = setting(math.inf, "A limit.", unit="m", greater_than=0.0, maximum=math.inf)
-    small: float = setting(5e-7, "A small one.", minimum=1e-12, maximum=1.0)
-    noise: float = setting(2e-5, "Noise.", minimum=0.0, maximum=1.0)
-    box: tuple[float, ...] = setting(
-        (math.inf, -math.inf), "A box.", minimum=-math.inf, maximum=math.inf
+    limit: float = setting(
+        math.inf, "A limit.", unit="m", greater_than=0.0, within=(None, math.inf)
     )
+    small: float = setting(5e-7, "A small one.", within=(1e-12, 1.0))
+    noise: float = setting(2e-5, "Noise.", within=(0.0, 1.0))
+    box: tuple[float, ...] = setting((math.inf, -math.inf), "A box.", within=(-math.inf, math.inf))
 
 
 @dataclass(frozen=True)
 class _Example:
-    number: int = parameter(3, "A number.", minimum=1, maximum=5)
+    number: int = parameter(3, "A number.", within=(1, 5))
     limits: _Limits = parameters_of(_Limits, read_only=False, names={"small": "renamed"})
     colour: _Colour = parameter(_Colour.RED, "A colour.", read_only=False)
 

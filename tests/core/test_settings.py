@@ -27,19 +27,19 @@ class _Colour(Enum):
 class _Example:
     other: int = 0
     switch: bool = setting(False, "A switch.")
-    number: int = setting(3, "A number.", minimum=1, maximum=5)
-    many: int = setting(3, "A number.", minimum=1, maximum=10_000_000)
-    length: float = setting(0.5, "A length.", unit="m", minimum=0.0, maximum=1.0)
-    share: float = setting(0.5, "A share.", greater_than=0.0, maximum=1.0)
-    limit: float = setting(math.inf, "A limit.", greater_than=0.0, maximum=math.inf)
-    time: float = setting(1.0, "A time.", unit="s", minimum=0.0)
+    number: int = setting(3, "A number.", within=(1, 5))
+    many: int = setting(3, "A number.", within=(1, 10_000_000))
+    length: float = setting(0.5, "A length.", unit="m", within=(0.0, 1.0))
+    share: float = setting(0.5, "A share.", greater_than=0.0, within=(None, 1.0))
+    limit: float = setting(math.inf, "A limit.", greater_than=0.0, within=(None, math.inf))
+    time: float = setting(1.0, "A time.", unit="s", within=(0.0, None))
     any: float = setting(1.0, "Any number.")
     colour: str = setting("red", "A colour.", choices=("red", "blue"))
     member: _Colour = setting(_Colour.RED, "A colour.")
     text: str = setting("", "A text.")
     place: tuple[float, ...] = setting((0.0, 0.0, 0.0), "A place.", unit="m")
     bound: tuple[float, ...] = setting(
-        (math.inf, math.inf), "A bound.", minimum=-math.inf, maximum=math.inf
+        (math.inf, math.inf), "A bound.", within=(-math.inf, math.inf)
     )
     names: tuple[str, ...] = setting(("a",), "Names.")
 
