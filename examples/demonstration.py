@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
+import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
@@ -14,7 +17,7 @@ import click
 from rich.console import Console
 
 from annik_core.errors import AnnikError
-from annik_ros.processes import ChildProcess, ended_by_signals, wait_until
+from annik_ros.processes import ChildProcess, ended_by_signals
 from msg_tools.bags.reader import read_bag
 from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
 
@@ -26,6 +29,79 @@ RESULT_TIMEOUT = 10.0
 
 #: File that marks a folder which may be emptied.
 _MARKER = ".annik_demo"
+
+
+class ChildProcessFailed(AnnikError):
+    """A process ended with an error, or did not reach the expected state in time."""
+
+    def __init__(self, name: str, problem: str, log: Path) -> None:
+        self.name = name
+        self.problem = problem
+        self.log = log
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()[-5:]
+        super().__init__("\n".join([f"{name} {problem}; the end of {log}:", *lines]))
+
+
+class WatchedProcess(ChildProcess):
+    """A process whose output and end are waited for."""
+
+    def __init__(self, command: Sequence[str], log: Path, environment: Mapping[str, str]) -> None:
+        self.name = log.stem
+        self.log = log
+        super().__init__(command, log, environment)
+
+    def wait_for_text(self, text: str, timeout: float) -> None:
+        """Wait until the process has printed ``text``.
+
+        Raises:
+            ChildProcessFailed: if it ends first, or has not after ``timeout`` seconds.
+        """
+        printed = wait_until(
+            lambda: text in self.log.read_text(encoding="utf-8", errors="replace"),
+            timeout,
+            lambda: self.process.poll() is None,
+        )
+        if not printed:
+            self._fail(f"did not print {text!r} within {timeout:g} s")
+
+    def wait(self, timeout: float) -> None:
+        """Wait until the process has ended.
+
+        Raises:
+            ChildProcessFailed: if its exit code is not 0, or it goes on after ``timeout`` seconds.
+        """
+        try:
+            code = self.process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self._fail(f"did not end within {timeout:g} s")
+        if code != 0:
+            self._fail("failed")
+
+    def interrupt(self, timeout: float) -> None:
+        """End the process by SIGINT, as Ctrl-C does; otherwise as :meth:`wait`."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        self.wait(timeout)
+
+    def _fail(self, problem: str) -> NoReturn:
+        code = self.process.poll()
+        ended = f" (it ended with exit code {code})" if code is not None else ""
+        raise ChildProcessFailed(self.name, problem + ended, self.log)
+
+
+def wait_until(
+    condition: Callable[[], bool],
+    timeout: float,
+    worth_waiting: Callable[[], bool] = lambda: True,
+    period: float = 0.02,
+) -> bool:
+    """Whether a condition, checked every ``period`` [s], comes true within ``timeout`` [s]."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline or not worth_waiting():
+            return condition()
+        time.sleep(period)
+    return True
 
 
 class Processes:
@@ -42,20 +118,21 @@ class Processes:
             "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
         }
 
-    def node(self, name: str, module: str, **parameters: object) -> ChildProcess:
+    def node(self, name: str, module: str, **parameters: object) -> WatchedProcess:
         """Start a node of annik with parameters."""
         arguments = [f"{key}:={value}" for key, value in parameters.items()]
         flags = [text for argument in arguments for text in ("-p", argument)]
         return self._start(name, module, "--ros-args", *flags)
 
-    def annik(self, name: str, *arguments: str) -> ChildProcess:
+    def annik(self, name: str, *arguments: str) -> WatchedProcess:
         """Start the ``annik`` command line."""
         return self._start(name, "annik_training.cli", *arguments)
 
-    def _start(self, name: str, module: str, *arguments: str) -> ChildProcess:
+    def _start(self, name: str, module: str, *arguments: str) -> WatchedProcess:
         command = [sys.executable, "-m", module, *arguments]
-        log = self._logs / f"{name}.log"
-        return self._stack.enter_context(ChildProcess(command, log, self._environment))
+        process = WatchedProcess(command, self._logs / f"{name}.log", self._environment)
+        self._stack.enter_context(process)
+        return process
 
 
 @contextmanager
