@@ -16,7 +16,6 @@ from typing import Any
 
 import click
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
 
@@ -169,7 +168,6 @@ def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
     A recording without targets has no line.
     """
     figure = Figure(figsize=(9.0, 5.4), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     upper, lower = figure.subplots(2, 1, sharex=True)
     for (name, report), (colour, line) in zip(reports.items(), _STYLES, strict=True):
         numbers = [target.number for target in report.targets]

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
@@ -32,9 +31,8 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
     robot = errors.dataset.robot
     free = robot.joint_box.free
     rows = -(-(len(free) + 1) // _COLUMNS)
-    figure = Figure(figsize=(2.6 * _COLUMNS, 2.3 * rows + 0.5), dpi=dots_per_inch)
-    FigureCanvasAgg(figure)
-    figure.set_layout_engine("constrained")
+    size = 2.6 * _COLUMNS, 2.3 * rows + 0.5
+    figure = Figure(figsize=size, dpi=dots_per_inch, layout="constrained")
     axes = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
     errors_mm = np.maximum(1e3 * errors.distances, 1e-9)
     failed = (
@@ -136,7 +134,6 @@ def before_and_after(evaluation: MeasuredEvaluation) -> bytes:
     The error of every pose, sorted, and the mean by joint and region.
     """
     figure = Figure(figsize=(11, 4.5), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     curves, regions = figure.subplots(1, 2)
     share = 100 * (np.arange(len(evaluation.dataset)) + 1) / len(evaluation.dataset)
     for label, errors, style in (

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -84,9 +83,7 @@ def _figure(joints: int, panel: float) -> Figure:
     """An empty figure with room for the panels and the legend."""
     width = _LEFT + max(joints * panel, panel + _LEGEND) + _RIGHT
     height = _ABOVE + joints * panel + _BELOW
-    figure = Figure(figsize=(width, height), dpi=_DOTS_PER_INCH)
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width, height), dpi=_DOTS_PER_INCH)
 
 
 def _add_panel(figure: Figure, panel: float, last: int, row: int, column: int) -> Axes:

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -67,7 +66,6 @@ def efficiency_figure(rows: Sequence[SummaryRow], wanted: Sequence[int]) -> Figu
     figure = Figure(
         figsize=(width, lines * _PANEL_HEIGHT + 0.3), dpi=_DOTS_PER_INCH, layout="constrained"
     )
-    FigureCanvasAgg(figure)
     panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
     lowest = _lowest(rows)
     for number, training in enumerate(trainings):
