@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -159,11 +160,24 @@ def climbs(graph: Mapping[str, Iterable[str]], levels: tuple[str, ...]) -> list[
     ]
 
 
-def test_every_subpackage_is_looked_at() -> None:
-    rooms = {name.rpartition(".")[0] for name in ALL_MODULES}
-    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*")):
-        if path.is_dir() and any(path.glob("[!_]*.py")):
-            assert ".".join(path.relative_to(ROOT).parts) in rooms
+def test_every_installed_module_is_looked_at() -> None:
+    """Found in another way: what ``setup.py`` installs, and what is in these folders."""
+    (installed,) = (
+        ast.literal_eval(node.value)
+        for node in ast.parse((ROOT / "setup.py").read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "IMPORT_PACKAGES"
+    )
+    assert set(PACKAGES) == set(installed)
+    there = {
+        Path(folder, name)
+        for package in installed
+        for folder, _, names in os.walk(ROOT / package)
+        for name in names
+        if name.endswith(".py")
+    }
+    assert set(ALL_MODULES.values()) == there
+    assert len(ALL_MODULES) > 150
+    assert ALL_MODULES["annik_core.solver.ik_solver"] == ROOT / "annik_core/solver/ik_solver.py"
 
 
 @pytest.mark.process

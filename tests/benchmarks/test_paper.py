@@ -17,7 +17,7 @@ from benchmarks.jobs.fit_job import FitJob, FitOutcome, one_start
 from benchmarks.jobs.job_runner import run_jobs
 from benchmarks.paper import paper_values as printed
 from benchmarks.paper.command import paper
-from benchmarks.paper.document import _number
+from benchmarks.paper.document import _fewest, _number
 from benchmarks.paper.efficiency_experiment import ACCURACIES, fewest_examples, least
 from benchmarks.paper.example_sets import counts, function_set, robot_set
 from benchmarks.paper.interaction_experiment import exact_ranks
@@ -214,6 +214,21 @@ def test_numbers_have_two_digits(value: float, text: str) -> None:
     assert _number(value) == text
 
 
+def test_an_accuracy_that_no_design_reaches_is_said_to_be_not_reached() -> None:
+    found: dict[str, Any] = {}
+    for accuracy in ACCURACIES:
+        entries = [
+            {"training": "plain", "design": "sobol", "examples": 1234},
+            {"training": "plain", "design": "random", "examples": None},
+        ]
+        found.setdefault(accuracy.system, {})[f"{accuracy.name}_all"] = entries
+    header, _, *rows = (line.strip("| ").split(" | ") for line in _fewest(found).splitlines())
+    assert len(rows) == len(ACCURACIES)
+    for cells in rows:
+        assert sorted(set(cells[1:])) == ["1234", "not reached"]
+        assert header[cells.index("1234")].endswith("sobol")
+
+
 @pytest.mark.slow
 class TestCommand:
     def test_it_writes_page_results_tables_and_figures(
@@ -239,6 +254,7 @@ class TestCommand:
     def test_rough_figures_are_kept_out_of_the_documentation(self, tmp_path: Path) -> None:
         ran = CliRunner().invoke(paper, ["--quick", "--docs", str(tmp_path)])
         assert ran.exit_code == 2
+        assert "--quick" in ran.output and "--docs" in ran.output
         assert list(tmp_path.iterdir()) == []
 
     def test_a_folder_that_cannot_be_made_is_found_at_once(self, tmp_path: Path) -> None:

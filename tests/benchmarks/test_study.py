@@ -141,19 +141,20 @@ def test_jobs_are_every_combination_that_makes_sense():
 
 
 @pytest.mark.parametrize(
-    ("settings", "error"),
+    ("settings", "name", "value"),
     [
-        ({"designs": ("star",)}, InvalidValue),
-        ({"training": ("adam",)}, InvalidValue),
-        ({"systems": ()}, InvalidValue),
-        ({"examples": (16, 16)}, InvalidValue),
-        ({"examples": (1,)}, InvalidValue),
-        ({"seeds": 0}, InvalidValue),
+        ({"designs": ("star",)}, "design", "star"),
+        ({"training": ("adam",)}, "training", "adam"),
+        ({"systems": ()}, "systems", ()),
+        ({"examples": (16, 16)}, "examples", (16, 16)),
+        ({"examples": (1,)}, "examples", 1),
+        ({"seeds": 0}, "seeds", 0),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(settings, error):
-    with pytest.raises(error):
+def test_settings_that_make_no_sense_are_refused(settings, name, value):
+    with pytest.raises(InvalidValue) as raised:
         StudySettings(**settings)
+    assert (raised.value.name, raised.value.value) == (name, value)
 
 
 def test_a_system_that_is_not_known_is_refused_with_those_that_are():
@@ -367,6 +368,7 @@ def test_a_damaged_line_is_named(copied: Path, damage):
     result = study(copied, *TINY_OPTIONS, "--workers", 1)
     assert isinstance(result.exception, DamagedRecord)
     assert (result.exception.path, result.exception.line) == (path, 3)
+    assert "delete this line" in str(result.exception)
     assert path.read_bytes() == damaged
 
 

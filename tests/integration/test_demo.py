@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -35,7 +36,9 @@ def processes_mentioning(text: str) -> list[str]:
 @pytest.mark.slow
 def test_demo(tmp_path: Path) -> None:
     folder = tmp_path / "demo"
+    begun = time.monotonic()
     result = run_python("-m", "examples.demo", "--out", folder, patience=LONG_PATIENCE)
+    duration = time.monotonic() - begun
     assert result.returncode == 0, result.stdout + result.stderr
     assert processes_mentioning(str(folder)) == []
 
@@ -48,7 +51,8 @@ def test_demo(tmp_path: Path) -> None:
     assert results["orientation_error_deg"]["max"] < 0.1
     assert 0 < results["latency_us"]["p50"] <= results["latency_us"]["p99"]
     assert results["training"]["examples"] == 179
-    assert results["training"]["seconds"] > 0
+    # Two seconds on an idle machine.
+    assert 0 < results["training"]["seconds"] < min(duration, 150.0)
 
     for name in ("model.onnx", "report.html", "bag/metadata.yaml", *PICTURES):
         assert (folder / name).stat().st_size > 0

@@ -68,9 +68,10 @@ def test_a_tracker_measures_at_its_rate_with_its_noise(
     assert {message.header.frame_id for message in measured} == {UR5E.base_frame}
     stamps = np.array(client.stamps("measured_pose"))
     periods = 1e-9 * np.diff(stamps)
-    # A loaded machine measures less often, and never more often.
+    # A loaded machine measures late now and then, and never more often.
     assert (periods > 0).all()
-    assert 0.0099 < periods.mean() < 0.1
+    assert 0.0099 < periods.mean() < 0.05
+    assert np.isclose(periods, 0.01, rtol=0.1).mean() > 0.25
     poses = _poses(client, "measured_pose")
     turns = Rotation.from_quat(poses[:, 3:]) * Rotation.from_quat(poses[0, 3:]).inv()
     np.testing.assert_allclose(poses[:, :3].std(axis=0), 20e-6, rtol=0.25)
@@ -227,20 +228,20 @@ def test_a_file_describes_an_imperfect_arm(launch: Callable[..., Any], client: A
             "only an arm can be imperfect",
         ),
         ({"imperfections": "{tmp}/none.yaml"}, "none.yaml: file not found"),
-        ({"imperfections": "{tmp}/wrong.yaml"}, "joints.elbow_joint.joint_zero is 2"),
+        ({"imperfections": "{tmp}/wrong.yaml"}, "joints.elbow_joint.joint_zero is 2; allowed: "),
         (
             {"imperfections": "config/imperfect_ur5e.yaml", "imperfection_seed": 1},
-            "imperfection_seed is 1",
+            "imperfection_seed is 1; allowed: -1",
         ),
         (
             {"joint_zero_error": 0.01},
-            "joint_zero_error is 0.01",
+            "joint_zero_error is 0.01; allowed: 0.00872665",
         ),
         (
             {"imperfection_seed": 1, "link_length_error": 1.0},
-            "link_length_error is 1.0",
+            "link_length_error is 1.0; allowed: a number from 0 to 0.1 [m]",
         ),
-        ({"measurement_rate": -1.0}, "measurement_rate is -1.0"),
+        ({"measurement_rate": -1.0}, "measurement_rate is -1.0; allowed: a number from 0"),
     ],
 )
 def test_what_makes_no_imperfect_arm_ends_the_node(

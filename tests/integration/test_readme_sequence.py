@@ -23,11 +23,11 @@ def test_the_bag_holds_every_target_and_what_came_of_it(
     launch: Callable[..., Any], tmp_path: Path
 ) -> None:
     bag = tmp_path / "my_bag"
-    # Of targets that wait, a late ik_node takes the newest only, unless it is told otherwise.
-    launch("ik_node", "-p", "queue_depth:=100")
+    launch("ik_node")
     launch("fake_robot")
     recorder = launch("bag_recorder", "-p", f"output:={bag}")
-    publisher = launch("target_publisher", "-p", "wait_for_subscribers:=2")
+    # Slower than by default: of targets that wait, ik_node takes the newest only.
+    publisher = launch("target_publisher", "-p", "wait_for_subscribers:=2", "-p", "rate:=3.0")
     assert publisher.wait_for_exit() == 0
     # The last target is delivered when its publisher ends; what comes of it is still on its way.
     wait_until(lambda: _recorded_errors(bag) >= 15, "the errors of all targets in the bag")

@@ -58,6 +58,7 @@ def test_results_of_two_robots_are_not_taken_for_those_of_one(launch: Callable[.
     )
     assert publisher.wait_for_exit() == 1
     assert "2 of 1 publishers on /accepted_target" in publisher.log
+    assert "published" not in publisher.log
 
 
 def test_a_model_that_is_missing_ends_the_node(launch: Callable[..., Any]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
+from support.processes import EXIT_PATIENCE
 
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.target_paths import diagonal_path
@@ -148,13 +149,13 @@ def test_a_burst_is_answered_by_its_newest_target_at_depth_one(
 def test_nodes_end_with_exit_code_0_when_asked_to(
     launch: Callable[..., Any], client: Any, number: signal.Signals
 ) -> None:
-    """In the middle of work, and without a traceback."""
+    """Soon, in the middle of work, and without a traceback."""
     nodes = [launch("ik_node"), launch("fake_robot")]
     nodes.append(launch("target_publisher", "-p", "loops:=0", "-p", "rate:=500"))
     client.wait_until(lambda: len(client.received["joint_states"]) > 100, "the robot moves")
     for node in reversed(nodes):
         node.signal(number)
-    assert [node.wait_for_exit() for node in nodes] == [0, 0, 0]
+    assert [node.wait_for_exit(EXIT_PATIENCE) for node in nodes] == [0, 0, 0]
     assert not any("Traceback" in node.log for node in nodes)
 
 
@@ -165,7 +166,7 @@ def test_a_publisher_that_waits_ends_when_asked_to(
     """Nobody listens, and it has hours to wait."""
     publisher = launch("target_publisher", "-p", "wait_timeout:=.inf")
     publisher.signal(number)
-    assert publisher.wait_for_exit() == 0
+    assert publisher.wait_for_exit(EXIT_PATIENCE) == 0
     assert "Traceback" not in publisher.log
 
 

@@ -264,10 +264,12 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.txt").write_text("hello")
     (tmp_path / "empty").mkdir()
     (tmp_path / "folder.mcap").mkdir()
-    for path in (tmp_path / name for name in ("empty", "text.txt", "folder.mcap")):
+    problems = {"empty": "no .mcap", "text.txt": "not a bag", "folder.mcap": "no .mcap"}
+    for name, problem in problems.items():
         with pytest.raises(BagNotReadable) as caught:
-            read_bag(path)
-        assert caught.value.path == path
+            read_bag(tmp_path / name)
+        assert caught.value.path == tmp_path / name
+        assert problem in caught.value.problem
 
 
 def test_a_cut_sqlite_bag_is_never_an_unforeseen_error(tmp_path: Path) -> None:

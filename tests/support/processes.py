@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 #: How long anything may take before a test fails [s]. A wait ends as soon as its condition holds,
 #: so that only a failure takes this long; a loaded machine is slow to start Python.
 PATIENCE = 180.0
+#: From the signal that ends a node to its end, 0.3 s on an idle machine [s].
+EXIT_PATIENCE = 15.0
 #: For what trains, fits or builds [s].
 LONG_PATIENCE = 10 * PATIENCE
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -214,6 +215,7 @@ def test_silent_joint_states_stop_everything(make) -> None:
     with pytest.raises(CollectionStopped) as caught:
         simulation.run()
     assert caught.value.cause is StopCause.SILENCE
+    assert re.search(r"for 0\.5\d* s, .* measurement_timeout of 0\.5 s", caught.value.reason)
     assert simulation.now - since == pytest.approx(SETTINGS.measurement_timeout, abs=0.03)
 
 
@@ -252,6 +254,9 @@ def test_a_joint_that_jumps_stops_everything(make) -> None:
     with pytest.raises(CollectionStopped) as caught:
         simulation.run()
     assert caught.value.cause is StopCause.JUMP
+    joint = simulation.robot.joint_names[2]
+    assert caught.value.reason.startswith(f"{joint} was measured at ")
+    assert "max_measured_step" in str(caught.value)
 
 
 class TestMerged:
@@ -360,6 +365,7 @@ def test_a_robot_that_does_not_follow_stops_everything(make) -> None:
     with pytest.raises(CollectionStopped) as caught:
         simulation.run()
     assert caught.value.cause is StopCause.LAG
+    assert "0.05" in caught.value.reason
     commands = np.array([command for _, command in simulation.commands])
     assert np.abs(commands - stuck).max() <= 0.05
 
@@ -372,6 +378,7 @@ def test_a_robot_that_goes_elsewhere_stops_everything(make) -> None:
     with pytest.raises(CollectionStopped) as caught:
         simulation.run()
     assert caught.value.cause is StopCause.WRONG_PLACE
+    assert "0.05, the max_measured_step" in caught.value.reason
 
 
 @pytest.mark.parametrize("late", [0.1, 0.3])
@@ -400,6 +407,7 @@ def test_a_robot_a_little_beyond_a_limit_may_begin_and_one_far_beyond_not(make, 
         with pytest.raises(CollectionStopped) as caught:
             simulation.begin()
         assert caught.value.cause is StopCause.OUTSIDE_LIMITS
+        assert "move it away" in caught.value.reason
         assert simulation.collector.journal.order is None
     else:
         simulation.begin()
@@ -455,6 +463,7 @@ def test_too_many_failures_in_a_row_stop_the_collection(make) -> None:
     with pytest.raises(CollectionStopped) as caught:
         simulation.run()
     assert caught.value.cause is StopCause.FAILURES
+    assert caught.value.reason.startswith("2 examples failed in a row, the last because 0 ")
 
 
 def test_dropped_poses_are_waited_for(make) -> None:
@@ -499,6 +508,7 @@ def test_a_tracker_in_another_frame_stops_the_collection_with_the_deviation(make
     with pytest.raises(CollectionStopped) as caught:
         simulation.run()
     assert caught.value.cause is StopCause.FAILURES
+    assert "by 100 mm" in caught.value.reason
     assert not simulation.collector.journal.examples
 
 
@@ -572,6 +582,7 @@ def test_a_robot_outside_the_workspace_box_is_not_commanded(make) -> None:
     with pytest.raises(CollectionStopped) as caught:
         simulation.begin()
     assert caught.value.cause is StopCause.OUTSIDE_LIMITS
+    assert "workspace box" in caught.value.reason
 
 
 def test_the_time_that_is_left_shrinks(gantry, make) -> None:

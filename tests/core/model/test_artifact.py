@@ -195,6 +195,7 @@ def test_an_entry_that_is_not_json(tmp_path: Path) -> None:
     with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
     assert caught.value.key == "robot"
+    assert "not JSON" in caught.value.problem
 
 
 @pytest.mark.parametrize("version", ["0", "1", "3", 2, None])
@@ -596,7 +597,7 @@ def test_a_number_in_the_metadata_that_is_not_finite(
 
 def test_metadata_that_is_not_finite_is_not_written() -> None:
     metadata = load_model(default_model_path()).metadata
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match="JSON"):
         replace(metadata, evaluation={"examples": np.nan}).to_properties()
 
 

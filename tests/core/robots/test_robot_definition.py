@@ -46,12 +46,12 @@ def test_bounds_that_are_none(gantry: Robot, key: str, bounds: object) -> None:
 @pytest.mark.parametrize("key", ["name", "base_frame", "end_effector_frame"])
 @pytest.mark.parametrize("name", ["", "  ", 7, None, ["a"], True, "two\nlines", "\ud800"])
 def test_a_name_that_is_none(gantry: Robot, key: str, name: object) -> None:
-    refused({**gantry.definition, key: name}, key, repr(name))
-    refused(changed(gantry, 0, name=name), "joint", repr(name))
+    refused({**gantry.definition, key: name}, key, repr(name), "not a name")
+    refused(changed(gantry, 0, name=name), "joint", repr(name), "not a name")
 
 
 def test_a_workspace_without_end(gantry: Robot) -> None:
-    refused(changed(gantry, 0, ratio=1e308, limits=[0.0, 10.0], box=[5.0, 6.0]), "ratio")
+    refused(changed(gantry, 0, ratio=1e308, limits=[0.0, 10.0], box=[5.0, 6.0]), "ratio", "too large")
 
 
 @pytest.mark.parametrize("joint", [3, 5])
@@ -70,12 +70,12 @@ def test_roll_or_yaw_up_to_half_a_turn(gantry: Robot, joint: int) -> None:
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("made: 2024-05-01", ["made", "date"]),
-        ("notes: {1: one}", ["notes", "key"]),
-        ("1: one", ["key"]),
-        ("notes: !!set {a, b}", ["notes", "set"]),
-        ("notes: !!binary aGk=", ["notes", "bytes"]),
-        ("notes: [.nan]", ["notes[0]", "nan"]),
+        ("made: 2024-05-01", ["made is a date"]),
+        ("notes: {1: one}", ["notes", "key that is not text"]),
+        ("1: one", ["key that is not text"]),
+        ("notes: !!set {a, b}", ["notes is a set"]),
+        ("notes: !!binary aGk=", ["notes is a bytes"]),
+        ("notes: [.nan]", ["notes[0] is nan", "not finite"]),
         ("notes: &a [*a]", ["alias", "levels"]),
     ],
 )
@@ -96,6 +96,7 @@ def test_yaml_that_the_reader_stumbles_over(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     error = refused_definition(lambda: load_robot(path))
     assert error.source == str(path)
+    assert "neither a URDF, which is XML, nor readable as YAML" in error.problem
     assert error.__cause__ is not None
 
 

@@ -98,24 +98,24 @@ class TestText:
     def test_a_robot_without_a_name(self) -> None:
         assert serial_chain(urdf("abc", J1, J2, attributes=""), "test").name == "robot"
         text = urdf("abc", J1, J2, attributes='name="two&#10;lines"')
-        refused_definition(lambda: load_robot(text), "name", repr("two\nlines"))
+        refused_definition(lambda: load_robot(text), "name", repr("two\nlines"), "not a name")
 
     @pytest.mark.parametrize(
         ("text", "named"),
         [
-            ("", ["XML"]),
-            ("<robot", ["XML"]),
-            (TWO_JOINTS[:-3], ["XML", "line 1, column"]),
-            (TWO_JOINTS + "<robot/>", ["XML"]),
-            ('<robot name="\0"/>', ["XML"]),
-            ('<robot name="\ud800"/>', ["XML"]),
+            ("", ["not XML"]),
+            ("<robot", ["not XML"]),
+            (TWO_JOINTS[:-3], ["not XML", "line 1, column"]),
+            (TWO_JOINTS + "<robot/>", ["not XML"]),
+            ('<robot name="\0"/>', ["not XML"]),
+            ('<robot name="\ud800"/>', ["not XML"]),
             (urdf("abc", J1, J2, "<xacro:arm/>"), ["<xacro:arm>", "xacro FILE > robot.urdf"]),
-            ("<sdf><model/></sdf>", ["URDF", "<sdf>", "<robot>"]),
-            ("<html/>", ["URDF", "<html>"]),
-            ("<robot/>", ["links"]),
-            ('<!DOCTYPE robot [<!ENTITY a "b">]>' + TWO_JOINTS, ["entities"]),
+            ("<sdf><model/></sdf>", ["not a URDF", "outermost element is <sdf>", "<robot>"]),
+            ("<html/>", ["not a URDF", "outermost element is <html>"]),
+            ("<robot/>", ["no links"]),
+            ('<!DOCTYPE robot [<!ENTITY a "b">]>' + TWO_JOINTS, ["declares entities"]),
             (" " * MAX_LENGTH + "x", [f"{MAX_LENGTH + 1}", f"{MAX_LENGTH}"]),
-            ("<robot>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>", ["links"]),
+            ("<robot>" + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>", ["no links"]),
         ],
         ids=range(13),
     )
@@ -125,8 +125,8 @@ class TestText:
     @pytest.mark.parametrize("address", ["http://www.ros.org/wiki/xacro", "http://ros.org/xacro"])
     def test_xacro_is_to_be_expanded(self, address: str) -> None:
         text = urdf("abc", J1, "<xacro:arm/>", J2, attributes=f'name="x" xmlns:xacro="{address}"')
-        refused(text, "xacro FILE > robot.urdf")
-        refused(f'<xacro:macro xmlns:xacro="{address}"/>', "xacro FILE > robot.urdf")
+        refused(text, "it is xacro", "xacro FILE > robot.urdf")
+        refused(f'<xacro:macro xmlns:xacro="{address}"/>', "it is xacro", "xacro FILE > robot.urdf")
 
     @given(st.text(alphabet="<>/robtjinlkame=\"' !?-[]&;{}", max_size=60))
     def test_any_text_is_read_or_refused(self, text: str) -> None:
@@ -220,7 +220,7 @@ class TestTree:
 
     def test_frames_that_are_no_links(self) -> None:
         for frame in ("base_frame", "end_effector_frame"):
-            refused(TWO_JOINTS, f"{frame} 'z'", "a, b, c", **{frame: "z"})
+            refused(TWO_JOINTS, f"{frame} 'z' is not a link", ": a, b, c", **{frame: "z"})
 
     def test_many_links_are_not_all_listed(self) -> None:
         links = [f"l{number}" for number in range(50)]
@@ -229,14 +229,14 @@ class TestTree:
 
     def test_frames_that_no_joints_join(self) -> None:
         both = {"base_frame": "b", "end_effector_frame": "b"}
-        refused(TWO_JOINTS, "base_frame 'b'", "end_effector_frame 'b'", **both)
+        refused(TWO_JOINTS, "base_frame 'b' is end_effector_frame 'b' too", **both)
         text = urdf("abcz", J1, J2)
         frames = {"base_frame": "z", "end_effector_frame": "c"}
-        refused(text, "base_frame 'z'", "end_effector_frame 'c'", **frames)
+        refused(text, "no joints lead from base_frame 'z'", "'c'", **frames)
 
     def test_a_base_with_nothing_below(self) -> None:
-        refused(TWO_JOINTS, "base_frame 'c'", base_frame="c")
-        refused(urdf("a"), "base_frame 'a'")
+        refused(TWO_JOINTS, "nothing hangs on base_frame 'c'", base_frame="c")
+        refused(urdf("a"), "nothing hangs on base_frame 'a'")
 
     def test_several_roots(self) -> None:
         text = urdf("abcxyz", J1, J2, joint("j3", "x", "y"))
@@ -250,32 +250,42 @@ class TestTree:
 
     def test_two_parents(self) -> None:
         text = urdf("abc", J1, J2, joint("j3", "a", "c"))
-        refused(text, "link 'c'", "'j2'", "'j3'")
+        refused(text, "link 'c' hangs on two joints, 'j2' and 'j3'")
 
     @pytest.mark.parametrize(
-        ("text", "frames"),
+        ("text", "frames", "named"),
         [
-            (urdf("ab", J1, joint("j2", "b", "a")), {}),
-            (urdf("ab", J1, joint("j2", "b", "a")), {"base_frame": "a"}),
+            (urdf("ab", J1, joint("j2", "b", "a")), {}, "a ring through a, b:"),
+            (urdf("ab", J1, joint("j2", "b", "a")), {"base_frame": "a"}, "a ring through a, b:"),
             (
                 urdf("ab", J1, joint("j2", "b", "a")),
                 {"base_frame": "a", "end_effector_frame": "b"},
+                "a ring through b, a:",
             ),
-            (urdf("a", joint("j1", "a", "a")), {"base_frame": "a", "end_effector_frame": "a"}),
-            (urdf("abcd", J1, J2, joint("j3", "b", "d"), joint("j4", "d", "c")), {}),
+            (
+                urdf("a", joint("j1", "a", "a")),
+                {"base_frame": "a", "end_effector_frame": "a"},
+                "joint 'j1' forms a ring from link 'a' to itself",
+            ),
+            (
+                urdf("abcd", J1, J2, joint("j3", "b", "d"), joint("j4", "d", "c")),
+                {},
+                "link 'c' hangs on two joints, 'j2' and 'j4':",
+            ),
             (
                 urdf("abcde", J1, J2, joint("j3", "c", "d"), joint("j4", "a", "d")),
                 {"base_frame": "a", "end_effector_frame": "c"},
+                "a ring through c, a",
             ),
         ],
         ids=range(6),
     )
     def test_a_ring(
-        self, text: str, frames: dict[str, str], capfd: pytest.CaptureFixture[str]
+        self, text: str, frames: dict[str, str], named: str, capfd: pytest.CaptureFixture[str]
     ) -> None:
         """Whatever part is asked for."""
         problem = refused_definition(lambda: load_robot(text, **frames)).problem
-        assert "ring" in problem or "hangs on two joints" in problem
+        assert named in problem
         assert capfd.readouterr() == ("", "")
 
     def test_a_large_tree_takes_no_time(self) -> None:
@@ -285,7 +295,7 @@ class TestTree:
         comb = [joint(f"j{i}", "l0", f"l{i + 1}", "fixed") for i in range(count)]
         refused(urdf(links, *comb), "end_effector_frame")
         line = [joint(f"j{i}", f"l{i}", f"l{i + 1}", "fixed") for i in range(count)]
-        refused(urdf(links, *line), "5000 joints", "256")
+        refused(urdf(links, *line), "5000 joints", "more than 256")
 
     def test_numbers_off_the_chain_do_not_matter(self) -> None:
         finger = joint("j3", "b", "d", "prismatic", origin='rpy="0 0"', limit='lower="none"')
@@ -306,10 +316,10 @@ class TestJoints:
             ("", ["no lower limit", "<limit"]),
             ('upper="1"', ["no lower limit", "<limit"]),
             ('lower="1"', ["no upper limit", "<limit", "continuous"]),
-            ('lower="1" upper="0"', ["lower limit 1.0", "upper limit 0.0"]),
-            ('lower="x" upper="0"', ["lower limit", "'x'"]),
-            ('lower="nan" upper="0"', ["lower limit", "'nan'"]),
-            ('lower="1_0" upper="20"', ["lower limit", "'1_0'"]),
+            ('lower="1" upper="0"', ["lower limit 1.0 above its upper limit 0.0"]),
+            ('lower="x" upper="0"', ["lower limit 'x'", "not a number"]),
+            ('lower="nan" upper="0"', ["lower limit 'nan'", "not a number"]),
+            ('lower="1_0" upper="20"', ["lower limit '1_0'", "not a number"]),
             ('lower="0" upper="inf"', ["upper limit", "inf", "--joint-box j2="]),
             ('lower="-1e308" upper="1"', ["lower limit", "-1e+308", "--joint-box j2="]),
             ('lower="" upper="0"', ["no lower limit", "<limit"]),
@@ -342,16 +352,18 @@ class TestJoints:
     )
     def test_an_axis_that_is_no_direction(self, axis: str) -> None:
         """Such as those whose length Pinocchio can't compute."""
-        refused(self.second(axis=f'xyz="{axis}"'), "joint 'j2'", "axis")
+        refused(self.second(axis=f'xyz="{axis}"'), "joint 'j2'", "axis", "not a direction")
 
     @pytest.mark.parametrize("axis", ["nan 0 1", "inf 0 0", "0 1", "0 0 1 0", "", "0,0,1", "z"])
     def test_an_axis_that_is_not_three_numbers(self, axis: str) -> None:
-        refused(self.second(axis=f'xyz="{axis}"'), "joint 'j2'", "xyz", f"'{axis}'")
+        text = self.second(axis=f'xyz="{axis}"')
+        refused(text, "joint 'j2'", f"xyz '{axis}' in its <axis>", "not three numbers")
 
     @pytest.mark.parametrize("key", ["xyz", "rpy"])
     @pytest.mark.parametrize("value", ["nan 0 0", "0 inf 0", "0 0", "a b c", "0;0;0"])
     def test_an_origin_that_is_not_three_numbers(self, key: str, value: str) -> None:
-        refused(self.second(origin=f'{key}="{value}"'), "joint 'j2'", key, f"'{value}'")
+        text = self.second(origin=f'{key}="{value}"')
+        refused(text, "joint 'j2'", f"{key} '{value}' in its <origin>", "not three numbers")
 
     @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
     @pytest.mark.parametrize("length", ["2", "1e-30", "1e30"])
@@ -378,7 +390,7 @@ class TestJoints:
 
     def test_a_mimic_joint_on_the_chain_is_refused(self) -> None:
         text = self.second(more='<mimic joint="j1" multiplier="2"/>')
-        refused(text, "joint 'j2'", "joint 'j1'", "end_effector_frame")
+        refused(text, "joint 'j2'", "mimics joint 'j1'", "end_effector_frame")
         assert serial_chain(text, "test", end_effector_frame="b").joint_names == ("j1",)
 
     def test_a_mimic_joint_made_fixed_is_no_matter(self) -> None:
@@ -403,12 +415,12 @@ class TestJoints:
 
     def test_only_fixed_joints(self) -> None:
         fixed = [joint("j1", "a", "b", "fixed"), joint("j2", "b", "c", "fixed")]
-        refused(urdf("abc", *fixed), "base_frame 'a'", "end_effector_frame 'c'")
+        refused(urdf("abc", *fixed), "nothing moves between base_frame 'a' and", "'c'")
 
     def test_more_joints_than_any_arm_has(self) -> None:
         joints = [joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(33)]
         links = [f"l{number}" for number in range(34)]
-        refused_definition(lambda: load_robot(urdf(links, *joints)), "33 joints", "32")
+        refused_definition(lambda: load_robot(urdf(links, *joints)), "33 joints, more than 32")
         assert load_robot(urdf(links[:-1], *joints[:-1])).dof == 32
 
 

@@ -16,6 +16,7 @@ from invariants import (
     wait_for_counts,
 )
 from lifecycle_msgs.msg import Transition
+from support.processes import EXIT_PATIENCE
 
 IMPOSSIBLE = {
     "unconfigured": ("activate", "deactivate", "cleanup"),
@@ -83,7 +84,7 @@ def test_an_ik_node_commands_only_while_it_is_active(
     assert client.change_state("ik_node", Transition.TRANSITION_ACTIVE_SHUTDOWN)
     _refuses_the_impossible(client, "finalized")
     node.signal(signal.SIGINT)
-    assert node.wait_for_exit() == 0
+    assert node.wait_for_exit(EXIT_PATIENCE) == 0
     assert "Traceback" not in node.log
 
 

@@ -68,15 +68,20 @@ def test_parameters_topics_and_services_follow_the_node_into_its_namespace(
     trajectories = client.received["/arm/trajectory"]
     paths = client.node.create_publisher(PoseArray, "paths", 10)
     client.wait_until(paths.get_subscription_count, "the node listens")
-    client.repeat_until(
-        lambda: paths.publish(path_message([GOOD, GOOD])), lambda: trajectories, "a trajectory"
-    )
+    sent: list[PoseArray] = []
+
+    def send_path() -> None:
+        sent.append(path_message([GOOD, GOOD]))
+        paths.publish(sent[-1])
+
+    client.repeat_until(send_path, lambda: trajectories, "a trajectory")
     paths.publish(path_message([GOOD] * 3))
     _, values = client.wait_for_status(
         "cell/solver", lambda values: "3 poses" in values.get("last refusal", ""), "a refusal"
     )
     counts = counts_in(values)
     assert counts.reasons == {"path length": 1}
+    assert counts.received <= len(sent) + 1
     before = len(trajectories)
     client.send(GOOD)
     client.wait_until(lambda: len(trajectories) > before, "the command as a trajectory")

@@ -6,6 +6,7 @@ measurements of it.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -22,10 +23,11 @@ from support.imperfect_ur5e import (
 )
 
 from annik_core.dataset import Dataset
-from annik_core.errors import InvalidValue, NonFiniteValue, RobotMismatch
+from annik_core.errors import AnnikError, InvalidValue, NonFiniteValue, RobotMismatch
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
+from annik_training.calibration import errors
 from annik_training.calibration.calibrate import (
     CalibratedRobot,
     CalibrationOptions,
@@ -36,6 +38,7 @@ from annik_training.calibration.errors import (
     ImplausibleErrors,
     NotCalibrated,
     NotHeldOut,
+    NotMeasured,
     TooFewMeasurements,
     UnexplainedMeasurements,
 )
@@ -235,6 +238,7 @@ class TestRefusals:
         with pytest.raises(DegenerateExamples) as caught:
             calibrate(UR5E, measured(UR5E, TRUTH.poses, joint_positions), QUICK)
         assert caught.value.joints == (UR5E.joint_names[joint],)
+        assert f"in which {UR5E.joint_names[joint]} moves" in str(caught.value)
 
     @pytest.mark.parametrize(("position_only", "least"), [(False, 9), (True, 18)])
     def test_too_few(self, position_only: bool, least: int) -> None:
@@ -243,11 +247,12 @@ class TestRefusals:
                 UR5E, measured_ur5e(TRUTH, least - 1), replace(QUICK, position_only=position_only)
             )
         assert (caught.value.examples, caught.value.least) == (least - 1, least)
+        assert f"measure at least {least}, better" in str(caught.value)
 
     def test_rows_that_do_not_belong_together(self) -> None:
         dataset = measured_ur5e(TRUTH, 20)
         order = np.random.default_rng(0).permutation(20)
-        with pytest.raises(UnexplainedMeasurements):
+        with pytest.raises(UnexplainedMeasurements, match="check that .* belong together"):
             calibrate(UR5E, with_poses(dataset, dataset.poses[order]), QUICK)
 
     def test_poses_that_only_another_robot_explains(self) -> None:
@@ -255,6 +260,9 @@ class TestRefusals:
         with pytest.raises(ImplausibleErrors) as caught:
             calibrate(UR5E, measured_ur5e(longer, 30), QUICK)
         assert caught.value.names == ("shoulder_lift_joint: length of the link after it",)
+        # By the amount, which is known to a millimetre or so.
+        (amount,) = re.findall(r"link after it (\S+) mm", str(caught.value))
+        assert abs(float(amount)) == pytest.approx(100.0, abs=5.0)
 
     def test_a_probe_at_the_flange_is_calibrated(self) -> None:
         """It need not be in the description."""
@@ -278,7 +286,7 @@ class TestRefusals:
     )
     def test_other_units_and_orders(self, spoil: object) -> None:
         dataset = measured_ur5e(TRUTH, 30)
-        with pytest.raises(UnexplainedMeasurements):
+        with pytest.raises(UnexplainedMeasurements, match="metres, radians and quaternions"):
             calibrate(UR5E, with_poses(dataset, spoil(dataset.poses)), QUICK)
 
     def test_what_is_no_number(self) -> None:
@@ -295,6 +303,7 @@ class TestRefusals:
             with pytest.raises(UnsupportedRobot) as caught:
                 calibrate(robot, dataset, QUICK)
             assert robot.name in caught.value.robot
+            assert caught.value.purpose == "calibration"
 
     def test_a_nominal_robot_with_other_joints_or_frames(self) -> None:
         dataset = measured_ur5e(TRUTH, 10)
@@ -419,3 +428,16 @@ class TestEvaluation:
         other = robot_from_definition({**UR5E.definition, "urdf": urdf}, "other")
         evaluation = evaluate_measured(learned.robot, replace(held_out, robot=other))
         assert evaluation.after.distances.mean() < 5e-5
+
+
+def test_errors_are_one_family() -> None:
+    """Whoever calibrates catches them all as one class."""
+    classes = [
+        value
+        for value in vars(errors).values()
+        if isinstance(value, type) and value.__module__ == errors.__name__
+    ]
+    assert {NotCalibrated, NotHeldOut, NotMeasured, UnexplainedMeasurements} < set(classes)
+    for error in classes:
+        assert issubclass(error, errors.CalibrationError)
+    assert issubclass(errors.CalibrationError, AnnikError)

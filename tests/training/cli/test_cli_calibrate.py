@@ -15,13 +15,15 @@ import pytest
 from click.testing import CliRunner, Result
 from support.imperfect_ur5e import ImperfectUr5e, measured, measured_ur5e
 
-from annik_core.dataset import save_dataset
+from annik_core.dataset import Dataset, save_dataset
 from annik_core.errors import RobotMismatch
 from annik_core.model.artifact import load_model
 from annik_core.model.errors import InvalidMetadata
 from annik_core.robots.library import load_robot
+from annik_core.robots.robot import Robot
 from annik_core.safety import IkStatus
 from annik_core.solver.ik_solver import IkSolver
+from annik_training.calibration.calibrate import CalibrationOptions
 from annik_training.calibration.errors import NotMeasured
 from annik_training.cli import cli, main
 from annik_training.designs.sampling import generate_dataset
@@ -124,6 +126,28 @@ class TestCalibrate:
         result = invoke("info", made.model)
         assert result.exit_code == 0, result.output
         assert "<robot" not in result.output
+
+
+def test_options_arrive_at_the_calibration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which is not made here."""
+    save_dataset(measured_ur5e(TRUTH, 20), tmp_path / "measured.npz")
+    asked: list[tuple[str, int, CalibrationOptions]] = []
+
+    def calibrate(robot: Robot, dataset: Dataset, options: CalibrationOptions) -> None:
+        asked.append((robot.name, len(dataset), options))
+        raise RobotMismatch("enough", "a", "b")
+
+    monkeypatch.setattr("annik_training.calibrate", calibrate)
+    arguments = ("--measured", tmp_path / "measured.npz", "--out", tmp_path / "m.onnx")
+    for more in (("--position-only", "--seed", 4), ()):
+        result = invoke("calibrate", *arguments, *more)
+        assert isinstance(result.exception, RobotMismatch)
+    assert asked == [
+        ("ur5e", 20, CalibrationOptions(position_only=True, seed=4)),
+        ("ur5e", 20, CalibrationOptions(position_only=False, seed=0)),
+    ]
 
 
 @pytest.mark.slow

@@ -87,11 +87,13 @@ def test_without_forward_kinematics_it_is_refused() -> None:
 
     with pytest.raises(UnsupportedRobot) as caught:
         make_design(Subject(), "active", 5, seed=0)
-    assert caught.value.robot == "table"
+    assert (caught.value.robot, caught.value.purpose) == ("table", "design active")
+    assert "forward kinematics" in caught.value.reason
 
 
 @pytest.mark.parametrize("examples", [0, DESIGNS["active"].size.maximum + 1])
 def test_size_out_of_range(examples: int) -> None:
     with pytest.raises(InvalidValue) as caught:
         make_design(ElbowArm(), "active", examples, seed=0)
-    assert caught.value.value == examples
+    assert (caught.value.value, caught.value.allowed) == (examples, "1 to 2000")
+    assert "active" in caught.value.name

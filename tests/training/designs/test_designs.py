@@ -218,8 +218,10 @@ def test_a_number_of_steps_out_of_range(name: str, steps: int) -> None:
 
 
 def test_the_papers_rows_need_six_joints() -> None:
-    with pytest.raises(UnsupportedRobot):
+    with pytest.raises(UnsupportedRobot) as caught:
         thirty_phase_design(box(7), 3, keep_paper_rows=True)
+    assert (caught.value.purpose, caught.value.robot) == ("--paper-rows", "7 joints")
+    assert "six" in caught.value.reason
 
 
 @pytest.mark.parametrize(("positions", "levels", "count"), [(3, 1, 108), (4, 1, 256), (4, 2, 448)])
@@ -351,8 +353,10 @@ def test_a_number_of_shells_out_of_range(shells: int) -> None:
 
 
 def test_a_central_composite_of_too_many_joints() -> None:
-    with pytest.raises(UnsupportedRobot):
+    with pytest.raises(UnsupportedRobot) as caught:
         central_composite_design(box(11), 1)
+    assert (caught.value.purpose, caught.value.robot) == ("design central_composite", "11 joints")
+    assert "2^11 corners" in caught.value.reason
 
 
 @dataclass(frozen=True)
@@ -460,12 +464,14 @@ def test_a_robot_whose_joints_are_all_locked(gantry: Robot, name: str) -> None:
     with pytest.raises(UnsupportedRobot) as caught:
         make_design(locked, name, DESIGNS[name].size.default, 0)
     assert (caught.value.robot, caught.value.purpose) == ("gantry", f"design {name}")
+    assert caught.value.reason == "all its joints are locked"
 
 
 def test_a_workspace_grid_needs_a_robot() -> None:
     with pytest.raises(UnsupportedRobot) as caught:
         make_design(Subject(box()), "workspace_grid", 3, 0)
-    assert caught.value.robot == Subject.name
+    assert (caught.value.robot, caught.value.purpose) == (Subject.name, "design workspace_grid")
+    assert "workspace" in caught.value.reason
 
 
 @pytest.mark.parametrize("name", ["latin_hypercube", "sobol", "random"])
@@ -487,7 +493,9 @@ class TestSamplingDesigns:
     def test_size_out_of_range(self, gantry: Robot, name: str, examples: int) -> None:
         with pytest.raises(InvalidValue) as caught:
             make_design(gantry, name, examples, seed=1)
-        assert caught.value.value == examples
+        error = caught.value
+        assert (error.value, error.allowed) == (examples, "1 to 1000000")
+        assert name in error.name
 
 
 def test_a_latin_hypercube_has_one_example_in_every_slice(gantry: Robot) -> None:

@@ -97,8 +97,11 @@ def test_of_too_few_or_too_many_is_refused(examples: int) -> None:
 
 def test_is_for_nominal_arms_only(gantry: Robot) -> None:
     calibrated = corrected(UR5E, identity_corrections(UR5E))
-    for robot, purpose in ((gantry, "design identifiability"), (calibrated, "calibration")):
+    for robot, purpose, reason in (
+        (gantry, "design identifiability", "no arm with a URDF"),
+        (calibrated, "calibration", "nominal description"),
+    ):
         with pytest.raises(UnsupportedRobot) as caught:
             make_design(robot, "identifiability", 8, 0)
         assert caught.value.purpose == purpose
-        assert robot.name in caught.value.robot
+        assert robot.name in caught.value.robot and reason in caught.value.reason
