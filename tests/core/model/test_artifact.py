@@ -577,6 +577,7 @@ def test_an_entry_that_is_there_twice(tmp_path: Path) -> None:
     with pytest.raises(errors.InvalidMetadata) as caught:
         load_model(altered(tmp_path / "model.onnx", change))
     assert caught.value.key == "seed"
+    assert "more than once" in caught.value.problem
 
 
 @pytest.mark.parametrize("number", ["NaN", "-Infinity", "1e999", "9" * 400])

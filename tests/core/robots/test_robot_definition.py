@@ -51,7 +51,9 @@ def test_a_name_that_is_none(gantry: Robot, key: str, name: object) -> None:
 
 
 def test_a_workspace_without_end(gantry: Robot) -> None:
-    refused(changed(gantry, 0, ratio=1e308, limits=[0.0, 10.0], box=[5.0, 6.0]), "ratio", "too large")
+    refused(
+        changed(gantry, 0, ratio=1e308, limits=[0.0, 10.0], box=[5.0, 6.0]), "ratio", "too large"
+    )
 
 
 @pytest.mark.parametrize("joint", [3, 5])

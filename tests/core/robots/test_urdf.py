@@ -126,7 +126,9 @@ class TestText:
     def test_xacro_is_to_be_expanded(self, address: str) -> None:
         text = urdf("abc", J1, "<xacro:arm/>", J2, attributes=f'name="x" xmlns:xacro="{address}"')
         refused(text, "it is xacro", "xacro FILE > robot.urdf")
-        refused(f'<xacro:macro xmlns:xacro="{address}"/>', "it is xacro", "xacro FILE > robot.urdf")
+        refused(
+            f'<xacro:macro xmlns:xacro="{address}"/>', "it is xacro", "xacro FILE > robot.urdf"
+        )
 
     @given(st.text(alphabet="<>/robtjinlkame=\"' !?-[]&;{}", max_size=60))
     def test_any_text_is_read_or_refused(self, text: str) -> None:

@@ -252,7 +252,7 @@ class TestRefusals:
     def test_rows_that_do_not_belong_together(self) -> None:
         dataset = measured_ur5e(TRUTH, 20)
         order = np.random.default_rng(0).permutation(20)
-        with pytest.raises(UnexplainedMeasurements, match="check that .* belong together"):
+        with pytest.raises(UnexplainedMeasurements, match=r"check that .* belong together"):
             calibrate(UR5E, with_poses(dataset, dataset.poses[order]), QUICK)
 
     def test_poses_that_only_another_robot_explains(self) -> None:

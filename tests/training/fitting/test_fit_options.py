@@ -48,6 +48,16 @@ def test_an_option_out_of_range_is_named(option: dict[str, object]) -> None:
     assert caught.value.name == next(iter(option))
 
 
+def test_what_is_allowed_is_said() -> None:
+    for options, allowed in (
+        ({"optimiser": "adam"}, "one of levenberg_marquardt, lbfgs"),
+        ({"bayesian_regularisation": True, "optimiser": "lbfgs"}, "levenberg_marquardt"),
+    ):
+        with pytest.raises(InvalidValue) as caught:
+            FitOptions(**options)
+        assert allowed in caught.value.allowed
+
+
 @pytest.mark.parametrize(
     "option",
     [
