@@ -166,6 +166,16 @@ def rotation_matrix(quaternion: FloatArray) -> FloatArray:
     )
 
 
+def transformed(transform: FloatArray, poses: FloatArray) -> FloatArray:
+    """Poses ``(n, 7)``, unchecked, in the frame in which their own frame has the pose ``(7,)``."""
+    x, y, z, w = transform[3:].tolist()
+    product = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+    # What is not finite in a pose stays so, and is refused later.
+    with np.errstate(all="ignore"):
+        positions = poses[:, :3] @ rotation_matrix(transform[3:]).T + transform[:3]
+        return np.hstack([positions, poses[:, 3:] @ product.T])
+
+
 def pose_distance(target: FloatArray, achieved: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Norms of :func:`pose_difference`: distances [m], angles [rad], each ``()`` or ``(n,)``."""
     position, rotation = pose_difference(target, achieved)

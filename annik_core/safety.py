@@ -43,7 +43,10 @@ class IkStatus(Enum):
         "the bytes are not those of a message of this type, or its stamp has a second or more of "
         "nanoseconds",
     )
-    WRONG_FRAME = "wrong frame", "frame_id is neither empty nor the base frame"
+    WRONG_FRAME = (
+        "wrong frame",
+        "frame_id is neither empty nor the base frame, and tf2 has no transform to that",
+    )
     STALE_TARGET = "stale target", "the stamp is further from now than max_target_age"
     PATH_LENGTH = "path length", "a path has no pose, or more than max_path_poses"
     OUTSIDE_WORKSPACE_BOX = (

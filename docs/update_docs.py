@@ -25,7 +25,7 @@ import yaml
 
 from annik_core.safety import AcceptanceLimits, IkStatus
 from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
-from annik_ros.ik_node.services import SERVICES
+from annik_ros.ik_node.parameters import SERVICES
 from annik_ros.parameter_tables import PARAMETER_TABLES
 from annik_ros.parameters import Parameter
 from annik_training.designs.registry import DESIGNS

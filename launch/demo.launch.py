@@ -5,6 +5,7 @@ Everything ends when the path has been followed, or could not be: then with exit
 
 from launch import LaunchDescription, LaunchDescriptionEntity
 
+from annik_core.target_paths import PathKind
 from annik_ros.launch_actions import Launch, ends_the_launch, launch_description
 
 ARGUMENTS = ("model", "path", "csv_file", "rate", "loops", "bag", "namespace")
@@ -24,7 +25,11 @@ def _nodes(launch: Launch) -> list[LaunchDescriptionEntity]:
     parameters: dict[str, dict[str, object]] = {
         # A controller wants the newest target, a demo all of them.
         "ik_node": {"model": model, "queue_depth": 1000},
-        "fake_robot": {"model": model},
+        # A path from a file may begin anywhere: the robot is nowhere before the first command.
+        "fake_robot": {
+            "model": model,
+            "joint_state_rate": 0.0 if values["path"] is PathKind.CSV else None,
+        },
         "target_publisher": {
             "model": model,
             "path": values["path"].value,

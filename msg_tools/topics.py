@@ -30,7 +30,7 @@ TARGET_POSE_STAMPED = Topic(
     "geometry_msgs/msg/PoseStamped",
     "you, or target_publisher",
     "ik_node",
-    "the same with a frame: the base frame, or empty",
+    "the same with a frame: the base frame, empty, or one that tf2 knows",
 )
 TARGET_POSES = Topic(
     "target_poses",
@@ -75,7 +75,15 @@ JOINT_STATES = Topic(
     "the robot, or fake_robot",
     "ik_node, example_collector",
     "measured joint positions [rad or m]; the first command must be near them. fake_robot: "
-    "after each command, with its stamp; at measurement_rate, with the stamp of measured_pose",
+    "after each command, with its stamp; at joint_state_rate; at measurement_rate, with the stamp "
+    "of measured_pose",
+)
+ROBOT_DESCRIPTION = Topic(
+    "robot_description",
+    "std_msgs/msg/String",
+    "fake_robot",
+    "RViz",
+    "the URDF of the robot, latched; tf beside it where tf2_msgs is installed",
 )
 ACHIEVED_POSE = Topic(
     "achieved_pose",
@@ -115,18 +123,4 @@ DIAGNOSTICS = Topic(
     "model, robot, counts by outcome, times; every second",
 )
 
-TOPICS = (
-    TARGET_POSE,
-    TARGET_POSE_STAMPED,
-    TARGET_POSES,
-    JOINT_COMMAND,
-    ACCEPTED_TARGET,
-    JOINT_TRAJECTORY,
-    POSITION_COMMANDS,
-    JOINT_STATES,
-    ACHIEVED_POSE,
-    MEASURED_POSE,
-    POSITION_ERROR,
-    ORIENTATION_ERROR,
-    DIAGNOSTICS,
-)
+TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))

@@ -6,6 +6,7 @@ import numpy as np
 
 from annik_core.errors import AnnikError, MalformedJointState, MissingJoint, NonFiniteValue
 from annik_core.pose import FloatArray
+from annik_core.reachable_paths import start_positions
 from annik_core.robots.robot import Robot
 from annik_core.simulation.imperfections import Imperfections, imperfect_kinematics
 
@@ -36,8 +37,8 @@ class FakeRobot:
     """Follows every valid command at once; exactly, or as an imperfect arm.
 
     Attributes:
-        joint_positions: ``(dof,)`` of its drives [rad or m]; before the first command, the centre
-            of the joint box.
+        joint_positions: ``(dof,)`` of its drives [rad or m]; before the first command
+            :func:`annik_core.reachable_paths.start_positions`.
     """
 
     def __init__(self, robot: Robot, imperfections: Imperfections | None = None) -> None:
@@ -47,7 +48,7 @@ class FakeRobot:
             InvalidImperfections: if they do not fit the robot.
         """
         self.robot = robot
-        self.joint_positions: FloatArray = robot.joint_box.centre
+        self.joint_positions: FloatArray = start_positions(robot)
         self._imperfections = imperfections
         self._kinematics = robot.forward_kinematics
         self._half_backlash: FloatArray = np.zeros(robot.dof)

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import sys
 import time
+from importlib import import_module
 
-from geometry_msgs.msg import PoseStamped, Vector3Stamped
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped, TransformStamped, Vector3Stamped
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
 
 from annik_core.errors import AnnikError, InvalidValue
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray, checked_pose, tracking_error
-from annik_core.robots.library import load_robot
+from annik_core.robots.description import link_poses, robot_urdf
+from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_core.serving.stamps import LAST_STAMP, StampPairing
 from annik_core.serving.statistics import OutcomeCounts
@@ -25,7 +31,11 @@ from annik_ros.qos import RESULT_DEPTH, reliable
 from annik_ros.run_node import run_node
 from annik_ros.throttle import Throttle
 from msg_tools.conversions.joint_state import joint_state_from_array, joint_state_to_array
-from msg_tools.conversions.pose import pose_stamped_from_array, pose_to_array
+from msg_tools.conversions.pose import (
+    pose_stamped_from_array,
+    pose_to_array,
+    transform_from_array,
+)
 from msg_tools.conversions.stamp import InvalidStamp, stamp_from_nanoseconds, stamp_to_nanoseconds
 from msg_tools.conversions.vector3 import vector3_stamped_from_array
 from msg_tools.topics import (
@@ -36,12 +46,15 @@ from msg_tools.topics import (
     MEASURED_POSE,
     ORIENTATION_ERROR,
     POSITION_ERROR,
+    ROBOT_DESCRIPTION,
 )
 
 NODE_NAME = "fake_robot"
 
 #: Least time between two warnings of refused messages [s].
 WARNING_PERIOD = 1.0
+#: Relative, so that robots in namespaces do not mix; without a namespace it is /tf.
+TF_TOPIC = "tf"
 
 
 class FakeRobotNode(Node):
@@ -62,6 +75,13 @@ class FakeRobotNode(Node):
         results = reliable(RESULT_DEPTH)
         self._state_publisher = self.create_publisher(JointState, JOINT_STATES.name, results)
         self._pose_publisher = self.create_publisher(PoseStamped, ACHIEVED_POSE.name, results)
+        self._tf_publisher: Publisher | None = None
+        if parameters.publish_robot_description:
+            given = "" if parameters.model else parameters.robot_description
+            self._show(given or robot_urdf(robot))
+        # What is measured comes with joint states too.
+        if parameters.joint_state_rate > parameters.measurement_rate:
+            self.create_timer(1.0 / parameters.joint_state_rate, self._publish_joint_states)
         if parameters.measurement_rate > 0.0:
             self._measurement_publisher = self.create_publisher(
                 PoseStamped, MEASURED_POSE.name, results
@@ -100,14 +120,45 @@ class FakeRobotNode(Node):
         self._pose_publisher.publish(pose_stamped_from_array(achieved, stamp, robot.base_frame))
         self._publish_error(nanoseconds, self._pairing.add_second(nanoseconds, achieved))
 
-    def _measure(self) -> None:
+    def _show(self, urdf: str) -> None:
+        """Publish a URDF, latched, and from now on the poses of the links."""
+        latched = reliable(1)
+        latched.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        publisher = self.create_publisher(String, ROBOT_DESCRIPTION.name, latched)
+        publisher.publish(String(data=urdf))
+        try:
+            self._tf_message = import_module("tf2_msgs.msg").TFMessage
+        except ImportError:
+            self.get_logger().info("tf2_msgs is not installed: no tf is published")
+            return
         robot = self._fake_robot.robot
+        self._described = robot_from_definition(robot.nominal_definition, robot.name)
+        self._tf_publisher = self.create_publisher(self._tf_message, TF_TOPIC, reliable(100))
+
+    def _publish_joint_states(self) -> Time:
+        """Publish joint positions, and the poses of the links, at this time; returns its stamp."""
+        robot, joint_positions = self._fake_robot.robot, self._fake_robot.joint_positions
         # A simulated time may be too late for a message.
         stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))
         # The encoders do not see the imperfections.
         self._state_publisher.publish(
-            joint_state_from_array(self._fake_robot.joint_positions, robot.joint_names, stamp)
+            joint_state_from_array(joint_positions, robot.joint_names, stamp)
         )
+        if self._tf_publisher is not None:
+            header = Header(stamp=stamp, frame_id=robot.base_frame)
+            links = link_poses(self._described, joint_positions).items()
+            transforms = [
+                TransformStamped(
+                    header=header, child_frame_id=link, transform=transform_from_array(pose)
+                )
+                for link, pose in links
+            ]
+            self._tf_publisher.publish(self._tf_message(transforms=transforms))
+        return stamp
+
+    def _measure(self) -> None:
+        robot = self._fake_robot.robot
+        stamp = self._publish_joint_states()
         pose = self._fake_robot.measure(self._noise)
         if pose is None:
             self._measurements_dropped += 1

@@ -51,6 +51,15 @@ class FakeRobotParameters:
         within=(-1, LARGEST_SEED),
     )
     magnitudes: ImperfectionMagnitudes = parameters_of(ImperfectionMagnitudes)
+    joint_state_rate: float = parameter(
+        50.0,
+        "Rate of joint_states from the start on, besides one after each command. 0: only these.",
+        unit="Hz",
+        within=(0.0, 10_000.0),
+    )
+    publish_robot_description: bool = parameter(
+        True, "false: no robot_description and no tf, since robot_state_publisher does it."
+    )
     measurement_rate: float = parameter(
         0.0,
         "Rate of measured_pose, as of a tracker, and of joint_states with the same stamp. "

@@ -31,9 +31,9 @@ from annik_ros.diagnostics import (
     outcome_report,
     time_values,
 )
-from annik_ros.ik_node.parameters import IkNodeParameters, OnRefusal
+from annik_ros.ik_node.frames import NoTransform, TargetFrames
+from annik_ros.ik_node.parameters import RELOAD_MODEL, IkNodeParameters, OnRefusal
 from annik_ros.ik_node.publishers import CommandPublishers
-from annik_ros.ik_node.services import RELOAD_MODEL
 from annik_ros.managed_node import ManagedNode, logged
 from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
@@ -102,6 +102,7 @@ class IkNode(ManagedNode):
         # Loading this module takes a while, in which the middleware discovers other nodes.
         import_module("annik_core.model.artifact")
         self.options = declare_parameters(self, IkNodeParameters)
+        self._frames = TargetFrames(self, self.options.transform_timeout)
         self._serving: Serving | None = None
         self._active = False
         self._fault: AnnikError | None = None
@@ -191,7 +192,7 @@ class IkNode(ManagedNode):
     def on_stamped_target(self, data: bytes) -> None:
         """Solve a target with a frame and a stamp."""
         arrival = time.perf_counter()
-        received = self._received(data, pose_stamped_from_bytes)
+        received = self._received(data, self._in_base_frame(pose_stamped_from_bytes))
         if received is None:
             return
         serving, target = received
@@ -200,7 +201,7 @@ class IkNode(ManagedNode):
 
     def on_path(self, data: bytes) -> None:
         """Solve a path as a whole."""
-        received = self._received(data, pose_array_from_bytes)
+        received = self._received(data, self._in_base_frame(pose_array_from_bytes))
         if received is None:
             return
         serving, path = received
@@ -238,8 +239,20 @@ class IkNode(ManagedNode):
             return serving, read(data)
         except ConversionError as error:
             refusal = serving.server.refuse(IkStatus.MALFORMED_MESSAGE, str(error))
-            self._refused(serving, refusal)
-            return None
+        except NoTransform as error:
+            refusal = serving.server.refuse(IkStatus.WRONG_FRAME, str(error))
+        self._refused(serving, refusal)
+        return None
+
+    def _in_base_frame(
+        self, read: Callable[[bytes], StampedPoses]
+    ) -> Callable[[bytes], StampedPoses]:
+        """Read a message as ``read`` does, and transform its poses; may raise NoTransform."""
+        serving = self._serving
+        if serving is None:
+            return read
+        base_frame = serving.server.solver.robot.base_frame
+        return lambda data: self._frames.in_base_frame(read(data), base_frame)
 
     def _age(self, target: StampedPoses) -> float:
         return 1e-9 * (self.get_clock().now().nanoseconds - target.nanoseconds)

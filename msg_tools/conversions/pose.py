@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Transform, Vector3
 from numpy.typing import ArrayLike
 from std_msgs.msg import Header
 
@@ -39,3 +39,16 @@ def pose_from_array(pose: ArrayLike) -> Pose:
 def pose_stamped_from_array(pose: ArrayLike, stamp: Time, frame_id: str) -> PoseStamped:
     """:func:`pose_from_array` with a stamp and the frame ``frame_id``."""
     return PoseStamped(header=Header(stamp=stamp, frame_id=frame_id), pose=pose_from_array(pose))
+
+
+def transform_to_array(message: Transform) -> FloatArray:
+    """The pose ``(7,)`` of the frame that a transform leads to, unchecked."""
+    p, q = message.translation, message.rotation
+    return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w], dtype=np.float64)
+
+
+def transform_from_array(pose: ArrayLike) -> Transform:
+    """The transform to a frame whose pose is ``(7,)``; raises as :func:`pose_from_array`."""
+    message = pose_from_array(pose)
+    p = message.position
+    return Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=message.orientation)

@@ -19,7 +19,9 @@ from annik_core.pose import (
     pose_from_roll_pitch_yaw,
     quaternion_from_roll_pitch_yaw,
     roll_pitch_yaw,
+    rotation_matrix,
     single_pose_difference,
+    transformed,
 )
 
 angles = st.lists(st.floats(-np.pi, np.pi), min_size=3, max_size=3)
@@ -149,3 +151,25 @@ def test_the_difference_of_a_pose_to_itself_is_nothing() -> None:
     """Exactly."""
     pose = pose_from_roll_pitch_yaw([1, 2, 3], [0.1, 0.2, 0.3])
     assert single_pose_difference(pose, pose) == ([0.0] * 3, [0.0] * 3)
+
+
+def test_transformed_poses_are_those_that_scipy_composes() -> None:
+    """Of many poses, and of unchecked ones: what is not finite or no unit quaternion stays so."""
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        frame, *poses = (
+            pose_from_roll_pitch_yaw(rng.normal(size=3), rng.uniform(-3, 3, 3)) for _ in range(6)
+        )
+        turn = Rotation.from_quat(frame[3:])
+        for pose, found in zip(poses, transformed(frame, np.array(poses)), strict=True):
+            np.testing.assert_allclose(found[:3], turn.apply(pose[:3]) + frame[:3], atol=1e-12)
+            expected = turn * Rotation.from_quat(pose[3:])
+            assert (expected.inv() * Rotation.from_quat(found[3:])).magnitude() < 1e-7
+            np.testing.assert_allclose(
+                expected.as_matrix(), rotation_matrix(found[3:]), atol=1e-12
+            )
+    assert transformed(frame, np.zeros((0, 7))).shape == (0, 7)
+    strange = np.array([[np.nan, 0, 0, 0, 0, 0, 1], [0, np.inf, 0, 0, 0, 0, 1], [0] * 6 + [1.5]])
+    found = transformed(frame, strange)
+    assert not np.isfinite(found[:2, :3]).all(axis=1).any()
+    np.testing.assert_allclose(np.linalg.norm(found[:, 3:], axis=1), [1.0, 1.0, 1.5])

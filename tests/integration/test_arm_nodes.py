@@ -177,7 +177,7 @@ def test_a_fake_robot_stands_in_for_a_packaged_arm(
     ur5e = load_robot("ur5e")
     middle = ur5e.joint_box.centre
     pose = _pose(ur5e, middle)
-    launch("fake_robot", "-p", "robot:=ur5e", ready=False)
+    launch("fake_robot", "-p", "robot:=ur5e", "-p", "joint_state_rate:=0.0", ready=False)
 
     def publish_two_pairs() -> None:
         for stamp, positions in ((1, middle + 9.0), (2, middle)):

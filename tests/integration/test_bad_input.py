@@ -247,7 +247,7 @@ def test_the_fake_robot_refuses_bad_commands_and_stays_where_it_was(
     """Each is named, counted, and gives no joint state; shuffled and extra joints are fine."""
     robot = load_robot("gantry")
     names, middle = robot.joint_names, robot.joint_box.centre.tolist()
-    node = launch("fake_robot")
+    node = launch("fake_robot", "-p", "joint_state_rate:=0.0")
     client.wait_until(lambda: _robot_listens(client), "the robot")
     unequal = JointState(name=list(names), position=middle[:5])
     bad = [
@@ -295,7 +295,7 @@ def test_a_stamp_that_is_none_is_refused_and_the_fake_robot_goes_on(
     robot = load_robot("gantry")
     middle = robot.joint_box.centre
     pose = robot.forward_kinematics.poses(middle[np.newaxis])[0]
-    node = launch("fake_robot")
+    node = launch("fake_robot", "-p", "joint_state_rate:=0.0")
     client.wait_until(lambda: _robot_listens(client), "the robot")
     messages = {
         "command": _command(robot.joint_names, middle.tolist(), 1),

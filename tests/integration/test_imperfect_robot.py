@@ -187,8 +187,8 @@ def test_the_tracking_error_is_what_the_description_misses_by(
 
 
 def test_nothing_is_measured_unless_asked_for(launch: Callable[..., Any], client: Any) -> None:
-    """And joint_states come with commands only."""
-    launch("fake_robot", *_arguments(imperfection_seed=5))
+    """And joint_states come with commands only, if asked for."""
+    launch("fake_robot", *_arguments(imperfection_seed=5, joint_state_rate=0.0))
     _achieved(client, MIDDLE)
     published = client.node.get_publisher_names_and_types_by_node("fake_robot", "/")
     assert "/measured_pose" not in dict(published)

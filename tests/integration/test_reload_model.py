@@ -89,7 +89,9 @@ def test_commands_for_another_robot_are_refused_by_the_fake_robot(
 ) -> None:
     """The joints have other names, so nothing moves, and both are named."""
     launch("ik_node")
-    robot = launch("fake_robot", "-p", f"model:={other_robots_model}")
+    robot = launch(
+        "fake_robot", "-p", f"model:={other_robots_model}", "-p", "joint_state_rate:=0.0"
+    )
     client.connect(_target(0))
     client.repeat_until(
         lambda: client.send(_target(0)),

@@ -152,7 +152,7 @@ def test_nodes_end_with_exit_code_0_when_asked_to(
     """Soon, in the middle of work, and without a traceback."""
     nodes = [launch("ik_node"), launch("fake_robot")]
     nodes.append(launch("target_publisher", "-p", "loops:=0", "-p", "rate:=500"))
-    client.wait_until(lambda: len(client.received["joint_states"]) > 100, "the robot moves")
+    client.wait_until(lambda: len(client.received["joint_command"]) > 100, "the robot moves")
     for node in reversed(nodes):
         node.signal(number)
     assert [node.wait_for_exit(EXIT_PATIENCE) for node in nodes] == [0, 0, 0]

@@ -9,15 +9,17 @@ import pytest
 from support.continuous_arm import CONTINUOUS_URDF, OPTIONS
 
 from annik_core.errors import AnnikError, MissingJoint
+from annik_core.reachable_paths import start_positions
 from annik_core.robots.library import load_robot
 from annik_core.simulation.fake_robot import CommandOutsideLimits, FakeRobot, refusal_reason
 from annik_core.simulation.imperfections import Imperfections
 
 
-def test_it_starts_in_the_middle_of_its_working_box() -> None:
-    """So that it is somewhere before the first command."""
-    robot = load_robot("gantry")
-    np.testing.assert_array_equal(FakeRobot(robot).joint_positions, robot.joint_box.centre)
+@pytest.mark.parametrize("name", ["gantry", "ur5e"])
+def test_it_starts_where_paths_start(name: str) -> None:
+    """So that it is somewhere before the first command, and near the first target."""
+    robot = load_robot(name)
+    np.testing.assert_array_equal(FakeRobot(robot).joint_positions, start_positions(robot))
 
 
 def test_it_goes_where_it_is_told_and_says_where_that_is() -> None:
