@@ -17,9 +17,6 @@ from annik_core.robots.urdf_text import parsed
 
 #: The axes of a gantry from its base on: the orientation is yaw, then pitch, then roll.
 _AXES_FROM_BASE = (0, 1, 2, 5, 4, 3)
-#: Thickness of what is drawn, as a share of the length of the chain, and of a gantry [m].
-_THICKNESS = 1 / 40
-_GANTRY_THICKNESS = 0.02
 
 
 def robot_urdf(robot: Robot) -> str:
@@ -48,7 +45,7 @@ def link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[floa
         return kinematics.link_poses(joint_positions)
     assert isinstance(kinematics, GantryKinematics)
     poses = {
-        _shaft(drive): [0.0, 0.0, 0.0, *quaternion_from_roll_pitch_yaw(0.0, 0.0, angle)]
+        f"{drive}_shaft": [0.0, 0.0, 0.0, *quaternion_from_roll_pitch_yaw(0.0, 0.0, angle)]
         for drive, angle in zip(robot.joint_names, joint_positions.tolist(), strict=True)
     }
     task = kinematics.task_coordinates(joint_positions[np.newaxis])[0].tolist()
@@ -57,11 +54,6 @@ def link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[floa
         moved[axis] = task[axis]
         poses[link] = [*moved[:3], *quaternion_from_roll_pitch_yaw(*moved[3:])]
     return poses
-
-
-def _shaft(drive: str) -> str:
-    """The link that a drive of a gantry turns."""
-    return f"{drive}_shaft"
 
 
 def _slides(robot: Robot) -> list[str]:
@@ -77,7 +69,7 @@ def _gantry(robot: Robot, kinematics: GantryKinematics) -> ElementTree.Element:
     reached = np.sort(kinematics.task_coordinates(limits), axis=0).T.tolist()
     directions = np.eye(3).tolist()
     for drive, bounds in zip(robot.joint_names, limits.T.tolist(), strict=True):
-        ends = robot.base_frame, _shaft(drive)
+        ends = robot.base_frame, f"{drive}_shaft"
         add_joint(root, drive, "revolute", *ends, axis=directions[2], limits=bounds)
     parent = robot.base_frame
     for axis, link in zip(_AXES_FROM_BASE, _slides(robot), strict=True):
@@ -105,7 +97,8 @@ def _draw(root: ElementTree.Element) -> None:
     zero = (0.0, 0.0, 0.0)
     joints = [{part.tag: part.attrib for part in joint} for joint in root.iter("joint")]
     origins = [[float(part) for part in joint["origin"]["xyz"].split()] for joint in joints]
-    radius = _THICKNESS * sum(hypot(*origin) for origin in origins) or _GANTRY_THICKNESS
+    # A share of the length of the chain, which is zero for a gantry [m].
+    radius = sum(hypot(*origin) for origin in origins) / 40 or 0.02
     for joint, (x, y, z) in zip(joints, origins, strict=True):
         if hypot(x, y, z) > radius:
             turned = (0.0, atan2(hypot(x, y), z), atan2(y, x))

@@ -7,12 +7,12 @@ import time
 from importlib import import_module
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, TransformStamped, Vector3Stamped
+from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 
 from annik_core.errors import AnnikError, InvalidValue
 from annik_core.model.artifact import load_model
@@ -34,7 +34,7 @@ from msg_tools.conversions.joint_state import joint_state_from_array, joint_stat
 from msg_tools.conversions.pose import (
     pose_stamped_from_array,
     pose_to_array,
-    transform_from_array,
+    transform_stamped_from_array,
 )
 from msg_tools.conversions.stamp import InvalidStamp, stamp_from_nanoseconds, stamp_to_nanoseconds
 from msg_tools.conversions.vector3 import vector3_stamped_from_array
@@ -87,12 +87,10 @@ class FakeRobotNode(Node):
                 PoseStamped, MEASURED_POSE.name, results
             )
             self.create_timer(1.0 / parameters.measurement_rate, self._measure)
-        self._position_error_publisher = self.create_publisher(
-            Vector3Stamped, POSITION_ERROR.name, results
-        )
-        self._orientation_error_publisher = self.create_publisher(
-            Vector3Stamped, ORIENTATION_ERROR.name, results
-        )
+        self._error_publishers = [
+            self.create_publisher(Vector3Stamped, topic.name, results)
+            for topic in (POSITION_ERROR, ORIENTATION_ERROR)
+        ]
         self.create_subscription(JointState, JOINT_COMMAND.name, self._on_command, results)
         self.create_subscription(PoseStamped, ACCEPTED_TARGET.name, self._on_target, results)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
@@ -145,13 +143,9 @@ class FakeRobotNode(Node):
             joint_state_from_array(joint_positions, robot.joint_names, stamp)
         )
         if self._tf_publisher is not None:
-            header = Header(stamp=stamp, frame_id=robot.base_frame)
-            links = link_poses(self._described, joint_positions).items()
             transforms = [
-                TransformStamped(
-                    header=header, child_frame_id=link, transform=transform_from_array(pose)
-                )
-                for link, pose in links
+                transform_stamped_from_array(pose, stamp, robot.base_frame, link)
+                for link, pose in link_poses(self._described, joint_positions).items()
             ]
             self._tf_publisher.publish(self._tf_message(transforms=transforms))
         return stamp
@@ -182,12 +176,9 @@ class FakeRobotNode(Node):
         error = tracking_error(*pair)
         stamp = stamp_from_nanoseconds(nanoseconds)
         frame = self._fake_robot.robot.base_frame
-        self._position_error_publisher.publish(
-            vector3_stamped_from_array(error.position, stamp, frame)
-        )
-        self._orientation_error_publisher.publish(
-            vector3_stamped_from_array(error.orientation, stamp, frame)
-        )
+        parts = error.position, error.orientation
+        for publisher, part in zip(self._error_publishers, parts, strict=True):
+            publisher.publish(vector3_stamped_from_array(part, stamp, frame))
 
     def _warn(self, text: str) -> None:
         if self._warning.is_due():

@@ -18,13 +18,6 @@ from msg_tools.conversions.stamp import stamp_to_nanoseconds
 class NoTransform(AnnikError):
     """tf2 has no transform from the frame of a target to the base frame, or none of now."""
 
-    def __init__(self, frame: str, base_frame: str, reason: str) -> None:
-        self.frame = frame
-        super().__init__(
-            f"the target is in frame {frame!r}, which tf2 can't transform to {base_frame!r}: "
-            f"{reason}"
-        )
-
 
 class TargetFrames:
     """Listens to tf for a node, unless ``timeout`` [s] is 0 or tf2_ros is not installed.
@@ -36,13 +29,14 @@ class TargetFrames:
         self._node = node
         self._timeout = timeout
         self._buffer: Any = None
+        if timeout == 0.0:
+            return
         try:
-            tf2_ros = import_module("tf2_ros") if timeout else None
+            tf2_ros = import_module("tf2_ros")
         except ImportError:
-            tf2_ros = None
-        if tf2_ros is not None:
-            self._buffer = tf2_ros.Buffer()
-            self._listener = tf2_ros.TransformListener(self._buffer, node)
+            return
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer, node)
 
     def in_base_frame(self, target: StampedPoses, base_frame: str) -> StampedPoses:
         """A target by the newest transform to the base frame; without tf2, as it is.
@@ -53,6 +47,7 @@ class TargetFrames:
         frame = target.frame_id
         if self._buffer is None or frame in ("", base_frame):
             return target
+        failed = f"the target is in frame {frame!r}, and not transformed to {base_frame!r}"
         try:
             # Time zero is the newest. It never waits, since tf arrives in this thread too.
             found = self._buffer.lookup_transform(base_frame, frame, Time())
@@ -60,10 +55,9 @@ class TargetFrames:
             stamp = stamp_to_nanoseconds(found.header.stamp)
         # tf2 has many errors, and with any of them the target must be refused.
         except Exception as error:
-            raise NoTransform(frame, base_frame, str(error)) from error
+            raise NoTransform(f"{failed}: {error}") from error
         age = 1e-9 * (self._node.get_clock().now().nanoseconds - stamp)
         # The stamp of static transforms is zero.
         if stamp and not abs(age) <= self._timeout:
-            reason = f"the newest is {age:.3g} s old, and transform_timeout {self._timeout:g} s"
-            raise NoTransform(frame, base_frame, reason)
+            raise NoTransform(f"{failed}: the newest is {age:.3g} s old, see transform_timeout")
         return StampedPoses(target.nanoseconds, base_frame, transformed(transform, target.poses))

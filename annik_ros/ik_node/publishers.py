@@ -87,18 +87,21 @@ class CommandPublishers:
         self._robot = robot
         self._stamps = UniqueStamps()
         results = reliable(RESULT_DEPTH)
-        self._command_publisher = node.create_lifecycle_publisher(
-            JointState, JOINT_COMMAND.name, results
-        )
-        self._target_publisher = node.create_lifecycle_publisher(
-            PoseStamped, ACCEPTED_TARGET.name, results
-        )
-        self._trajectory_publisher = node.create_lifecycle_publisher(
-            JointTrajectory, JOINT_TRAJECTORY.name, results
-        )
-        self._positions_publisher = node.create_lifecycle_publisher(
-            Float64MultiArray, POSITION_COMMANDS.name, results
-        )
+        self._publishers = [
+            node.create_lifecycle_publisher(message_type, topic.name, results)
+            for message_type, topic in (
+                (JointState, JOINT_COMMAND),
+                (PoseStamped, ACCEPTED_TARGET),
+                (JointTrajectory, JOINT_TRAJECTORY),
+                (Float64MultiArray, POSITION_COMMANDS),
+            )
+        ]
+        (
+            self._command_publisher,
+            self._target_publisher,
+            self._trajectory_publisher,
+            self._positions_publisher,
+        ) = self._publishers
         self._command = MessageTemplate(
             lambda stamp, numbers: joint_state_from_array(numbers, robot.joint_names, stamp),
             robot.dof,
@@ -137,12 +140,7 @@ class CommandPublishers:
 
     def destroy(self) -> None:
         """Destroy the publishers."""
-        for publisher in (
-            self._command_publisher,
-            self._target_publisher,
-            self._trajectory_publisher,
-            self._positions_publisher,
-        ):
+        for publisher in self._publishers:
             self._node.destroy_lifecycle_publisher(publisher)
 
     def _publish_command(self, joint_positions: FloatArray) -> int:

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Transform, Vector3
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
 from numpy.typing import ArrayLike
 from std_msgs.msg import Header
 
@@ -47,8 +55,11 @@ def transform_to_array(message: Transform) -> FloatArray:
     return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w], dtype=np.float64)
 
 
-def transform_from_array(pose: ArrayLike) -> Transform:
-    """The transform to a frame whose pose is ``(7,)``; raises as :func:`pose_from_array`."""
-    message = pose_from_array(pose)
-    p = message.position
-    return Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=message.orientation)
+def transform_stamped_from_array(
+    pose: ArrayLike, stamp: Time, frame_id: str, child: str
+) -> TransformStamped:
+    """The transform from a frame to a child with the pose ``(7,)`` in it."""
+    stamped = pose_stamped_from_array(pose, stamp, frame_id)
+    p, q = stamped.pose.position, stamped.pose.orientation
+    transform = Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=q)
+    return TransformStamped(header=stamped.header, child_frame_id=child, transform=transform)
