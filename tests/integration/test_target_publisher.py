@@ -42,7 +42,7 @@ def test_refused_targets_make_the_exit_code_1(launch: Callable[..., Any]) -> Non
 def test_a_robot_that_does_not_move_makes_the_exit_code_1(launch: Callable[..., Any]) -> None:
     """Commands for another robot are refused by the robot, though no target is."""
     launch("ik_node", *QUEUE)
-    launch("fake_robot", "-p", "model:=ur5e")
+    launch("fake_robot", "-p", "model:=ur5e", "-p", "joint_state_rate:=0.0")
     publisher = launch("target_publisher", *ACHIEVED)
     assert publisher.wait_for_exit() == 1
     assert "15 on /accepted_target, 0 on /tracking_error/position" in publisher.log
