@@ -28,6 +28,9 @@ from annik_core.safety import (
     Motion,
     check_age,
     check_joint_velocity,
+    check_path_length,
+    check_residuals,
+    check_workspace_box,
 )
 from annik_core.serving.ik_server import IkServer
 from annik_core.solver import ik_solver
@@ -64,6 +67,43 @@ class Bench:
 def bench() -> Iterator[Bench]:
     """With the default limits."""
     yield Bench(CommandSafety())
+
+
+class TestEnds:
+    """What is at its limit is allowed, and the next number is not; NaN is beyond every limit."""
+
+    @pytest.mark.parametrize("kind", [0, 1], ids=["position", "orientation"])
+    def test_of_the_residuals(self, kind: int) -> None:
+        limits = (1e-3, 2e-3)
+        context = CommandContext(AcceptanceLimits(*limits))
+        beyond = math.nextafter(limits[kind], 1.0)
+        for residual, allowed in ((limits[kind], True), (beyond, False), (math.nan, False)):
+            residuals = (residual, 0.0) if kind == 0 else (0.0, residual)
+            candidate = Candidate(load_robot("scara"), POSES[0], np.zeros(4), residuals)
+            refusal = check_residuals(candidate, context)
+            assert (refusal is None) == allowed
+            assert refusal is None or refusal.status is IkStatus.RESIDUAL_TOO_LARGE
+
+    @pytest.mark.parametrize("axis", [0, 1, 2])
+    def test_of_the_workspace_box(self, axis: int) -> None:
+        safety = CommandSafety(workspace_box_lower=(-1.0,) * 3, workspace_box_upper=(2.0,) * 3)
+        pose = [0.0] * 6 + [1.0]
+        for value, away in ((-1.0, -math.inf), (2.0, math.inf)):
+            pose[axis] = value
+            assert check_workspace_box(pose, safety) is None
+            pose[axis] = math.nextafter(value, away)
+            assert check_workspace_box(pose, safety) is not None
+
+    def test_of_a_path_length_and_an_age(self) -> None:
+        assert [check_path_length(count, 10) is None for count in (0, 1, 10, 11)] == [
+            *(False, True),
+            *(True, False),
+        ]
+        safety = CommandSafety(max_target_age=0.1)
+        beyond = math.nextafter(0.1, 1.0)
+        ages = (0.1, -0.1, beyond, -beyond, math.nan)
+        allowed = [check_age(age, safety) is None for age in ages]
+        assert allowed == [True, True, False, False, False]
 
 
 class TestOrder:

@@ -193,6 +193,14 @@ def test_a_stamp_survives_the_round_trip_to_the_nanosecond(nanoseconds: int) -> 
     assert stamp_to_nanoseconds(stamp_from_nanoseconds(nanoseconds)) == nanoseconds
 
 
+@pytest.mark.parametrize("nanosec", [10**9, 2**32 - 1])
+def test_a_stamp_with_a_second_of_nanoseconds_is_refused(nanosec: int) -> None:
+    with pytest.raises(InvalidStamp) as caught:
+        stamp_to_nanoseconds(Time(sec=1, nanosec=nanosec))
+    assert caught.value.value == nanosec
+    assert stamp_to_nanoseconds(Time(sec=1, nanosec=10**9 - 1)) == 2 * 10**9 - 1
+
+
 @pytest.mark.parametrize("nanoseconds", [2**31 * 10**9, -(2**31) * 10**9 - 1])
 def test_a_time_beyond_a_stamps_range_is_refused(nanoseconds: int) -> None:
     """One nanosecond further does not fit."""

@@ -25,7 +25,8 @@ def drawn_corrections(robot: Robot, seed: int) -> ArmCorrections:
     units = np.where(np.array(robot.joint_types) == "revolute", 3e-3, 3e-4)[:, None]
     coefficients = rng.normal(size=(2, 1 + dof + dof * (dof + 1) // 2)) * 0.1
     coefficients[:, 0] -= 8.0
-    motions = np.array([[2e-4], [2e-4], [2e-4], [3e-4], [3e-4], [3e-4]])
+    # Not along the axis of rotation, so that the order of shift and turn matters.
+    motions = np.array([[2e-4], [2e-4], [-2e-4], [3e-4], [-3e-4], [3e-4]])
     return ArmCorrections(
         np.concatenate([shifts, turns.as_quat(canonical=True)], axis=1),
         JointNetworks(*scale, *rng.normal(size=(2, dof, HIDDEN)), units * rng.normal(size=HIDDEN)),

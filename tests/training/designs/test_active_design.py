@@ -59,9 +59,14 @@ def test_the_most_disputed_come_first_but_not_side_by_side() -> None:
     assert _spread_out(spread, candidates, np.array([[0.0]]), 2) == [2, 4]
 
 
-def test_where_all_agree_the_box_is_filled() -> None:
-    """A constant is learned at once: then distance alone decides, and no two are close."""
-    box = JointLimits(("q1", "q2"), -np.ones(2), np.ones(2))
+@pytest.mark.parametrize("width", [1.0, 1000.0])
+def test_where_all_agree_the_box_is_filled(width: float) -> None:
+    """A constant is learned at once: then distance alone decides, and no two are close.
+
+    Distances are relative to the widths of the box, which may be in metres and radians.
+    """
+    widths = np.array([1.0, width])
+    box = JointLimits(("q1", "q2"), -widths, widths)
     constant = FunctionSystem(
         "constant",
         box,
@@ -71,7 +76,7 @@ def test_where_all_agree_the_box_is_filled() -> None:
     )
     added = make_design(constant, "active", 24, seed=0)[4:]
     drawn = random_design(box, 20, np.random.default_rng(0))
-    assert pdist(added).min() > 3 * pdist(drawn).min()
+    assert pdist(added / widths).min() > 3 * pdist(drawn / widths).min()
 
 
 def test_it_works_for_a_robot(gantry: Robot) -> None:
