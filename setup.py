@@ -68,6 +68,7 @@ setup(
     install_requires=[
         "click>=8.1",
         "jinja2>=3.1",
+        "lz4>=4.0",
         "matplotlib>=3.6",
         "mcap>=1.1",
         "mcap-ros2-support>=0.5",

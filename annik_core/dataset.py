@@ -131,13 +131,7 @@ def load_dataset(path: str | Path) -> Dataset:
         UnreadableDataset: if not, or if it is missing.
     """
     path = expanded(path)
-    provenance, joint_positions, poses, expected_hash = _read(path)
-    try:
-        intact = _content_hash(provenance, joint_positions, poses) == expected_hash
-    except RecursionError:  # nested too deeply to be written by annik
-        intact = False
-    if not intact:
-        raise UnreadableDataset(path, "its content does not match its SHA-256: it was altered")
+    provenance, joint_positions, poses = _read(path)
     # Anyone can compute the hash of wrong content, so the content is checked too.
     robot = _checked_robot(path, provenance)
     _check_arrays(path, robot, joint_positions, poses)
@@ -155,7 +149,7 @@ def load_dataset(path: str | Path) -> Dataset:
     )
 
 
-def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
+def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray]:
     try:
         content = read_regular_file(path, _MOST_BYTES)
     # ValueError: a path that no system could have.
@@ -165,19 +159,22 @@ def _read(path: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, str]:
         raise UnreadableDataset(path, f"can't be read ({error.strerror})") from error
     # The parsers of zip and NumPy raise errors of any kind on altered bytes.
     try:
-        arrays = _arrays(content)
+        joint_positions, poses, text, expected_hash = _arrays(content)
     except Exception as error:
         raise UnreadableDataset(path, f"truncated or not a dataset ({error})") from error
     try:
-        provenance = json.loads(str(arrays["provenance"]))
+        provenance = json.loads(str(text))
+        altered = _content_hash(provenance, joint_positions, poses) != str(expected_hash)
     except (ValueError, RecursionError) as error:
         raise UnreadableDataset(path, f"its provenance is not JSON ({error})") from error
     if not isinstance(provenance, dict):
         raise UnreadableDataset(path, "its provenance is not a mapping of names to values")
-    return provenance, arrays["joint_positions"], arrays["poses"], str(arrays["sha256"])
+    if altered:
+        raise UnreadableDataset(path, "its content does not match its SHA-256: it was altered")
+    return provenance, joint_positions, poses
 
 
-def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+def _arrays(content: bytes) -> list[NDArray[Any]]:
     with ZipFile(io.BytesIO(content)) as archive:
         entries = archive.infolist()
         unpacked = sum(entry.file_size for entry in entries)
@@ -186,10 +183,10 @@ def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
         # Other methods of compression reserve memory as the file demands.
         if not {entry.compress_type for entry in entries} <= {ZIP_STORED, ZIP_DEFLATED}:
             raise ValueError("it is compressed by another method than deflate")
-        arrays = {}
+        arrays = []
         for name in ("joint_positions", "poses", "provenance", "sha256"):
             with archive.open(f"{name}.npy") as member:
-                arrays[name] = np.lib.format.read_array(member, allow_pickle=False)
+                arrays.append(np.lib.format.read_array(member, allow_pickle=False))
     return arrays
 
 

@@ -88,10 +88,8 @@ class _BoundedLoader(yaml.SafeLoader):
         self.values += self.anchored.get(event.anchor, self.most_values) if alias else 1
         self.levels += 1
         if self.values > self.most_values or self.levels > self.most_levels:
-            raise ValueError(
-                f"more than {self.most_values} values, each alias counted as what it stands for, "
-                f"or more than {self.most_levels} levels"
-            )
+            most = f"{self.most_values} values, aliases expanded, or {self.most_levels} levels"
+            raise ValueError(f"more than {most}")
         node: yaml.Node | None = super().compose_node(parent, index)
         self.levels -= 1
         if event.anchor is not None and not alias:

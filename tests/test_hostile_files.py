@@ -5,16 +5,14 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
-import signal
 import socket
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.bounded import MEGABYTE, bounded
 
 from annik_core.append_log import AppendLog
 from annik_core.dataset import UnreadableDataset, load_dataset, save_dataset
@@ -32,7 +30,6 @@ from annik_training.designs.sampling import generate_dataset
 from msg_tools.bags.errors import BagNotReadable
 from msg_tools.bags.reader import read_bag
 
-MEGABYTE = 1024 * 1024
 READERS: dict[str, tuple[Callable[[Path], object], type[AnnikError]]] = {
     "dataset": (load_dataset, UnreadableDataset),
     "targets": (csv_path, UnreadableTargetFile),
@@ -48,32 +45,6 @@ YAML_READERS = ("robot", "imperfections", "parameters")
 
 def ur5e():
     return load_robot("ur5e")
-
-
-def memory(entry: str) -> int:
-    """Memory of this process that is in use, or was at its peak [bytes]."""
-    found = re.search(rf"{entry}:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    assert found
-    return int(found[1]) * 1024
-
-
-@contextmanager
-def bounded(megabytes: int = 200, seconds: int = 20) -> Iterator[None]:
-    """Fail if what is inside takes longer, or more memory."""
-
-    def too_long(*_: object) -> None:
-        raise AssertionError(f"longer than {seconds} s")
-
-    before = signal.signal(signal.SIGALRM, too_long)
-    signal.alarm(seconds)
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
-    least = memory("VmRSS")
-    try:
-        yield
-        assert memory("VmHWM") - least < megabytes * MEGABYTE
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def pipe(path: Path) -> None:

@@ -1,24 +1,21 @@
-"""Read a bag without ROS: MCAP or SQLite3, closed, cut or left by a killed recorder."""
+"""Read a bag without ROS: MCAP or SQLite3, whole, cut or left by a killed recorder."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator
-from contextlib import ExitStack
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Final, NamedTuple
 
-import yaml
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from annik_core.files import bounded_yaml, read_text
 from msg_tools.bags.errors import BagNotFound, BagNotReadable
-from msg_tools.bags.mcap_messages import RawMessage, mcap_messages
 from msg_tools.bags.metadata import METADATA_FILE, is_known_type, jazzy_types
+from msg_tools.bags.stored_messages import RawMessage, stored_messages
 
 _STORAGE_SUFFIXES: Final = (".mcap", ".db3")
 
@@ -65,7 +62,7 @@ class Bag:
             BagNotReadable: if a message of these topics can't be decoded.
         """
         extra = get_typestore(Stores.EMPTY)
-        for raw in _raw_messages(self.path, []):
+        for raw in _raw_messages(_content(self.path, []).files, []):
             if topics is not None and raw.topic not in topics:
                 continue
             types = _types_for(raw, extra, self.path)
@@ -82,8 +79,9 @@ class Bag:
 def read_bag(path: Path) -> Bag:
     """Read a whole bag once, count its messages and find its damage.
 
-    The path is the folder of a bag (MCAP or SQLite3, one file or several), or one ``.mcap`` or
-    ``.db3``.
+    The path is the folder of a bag (MCAP or SQLite3, one file or several, compressed or not), its
+    ``metadata.yaml``, or one of its files. It is complete if as many messages could be read as it
+    states, of each topic. Nothing is written into the folder.
 
     Raises:
         BagNotFound: if there is no such path.
@@ -94,37 +92,66 @@ def read_bag(path: Path) -> Bag:
     damage: list[str] = []
     counts: Counter[tuple[str, str]] = Counter()
     has_publish_times = False
-    for raw in _raw_messages(path, damage):
+    content = _content(path, damage)
+    for raw in _raw_messages(content.files, damage):
         counts[raw.topic, raw.type] += 1
         has_publish_times |= raw.publish_time_ns != raw.log_time_ns
     topics: dict[str, BagTopic] = {}
+    read: Counter[str] = Counter()
     for (name, message_type), count in counts.items():
+        read[name] += count
         if name in topics:
             damage.append(f"topic {name} has two types; only {topics[name].type} is counted")
             continue
         topics[name] = BagTopic(name, message_type, count)
+    stated = read if content.by_topic is None else content.by_topic
+    if content.total is not None and (content.total, stated) != (read.total(), read):
+        wrong = [name for name in (read | stated) if read[name] != stated[name]]
+        parts = ", ".join(f"{name} {read[name]} of {stated[name]}" for name in wrong)
+        damage.append(
+            f"{METADATA_FILE} counts {content.total} messages, {read.total()} could be read"
+            + (f": {parts}" if parts else "")
+        )
     return Bag(path, topics, not damage, tuple(damage), has_publish_times)
 
 
-def _raw_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
-    """Undecoded messages of all files of a bag; appends to ``damage`` what could not be read."""
-    if path.is_file() and path.suffix in _STORAGE_SUFFIXES:
-        files = [path]
-    elif path.is_dir():
-        information = _bag_information(path)
-        if information.get("compression_mode") and information["compression_mode"] != "none":
-            yield from _rosbags_messages(path)
-            return
-        files = _storage_files(path, information, damage)
-    else:
+class _Content(NamedTuple):
+    """The files of a bag, and how many messages it states; None where it does not."""
+
+    files: list[Path]
+    total: int | None
+    by_topic: Counter[str] | None
+
+
+def _content(path: Path, damage: list[str]) -> _Content:
+    """What a bag consists of; appends to ``damage`` what is missing."""
+    is_bag = path.is_dir() or path.name == METADATA_FILE
+    name = _unpacked(path.name)
+    if not is_bag and PurePath(name).suffix not in _STORAGE_SUFFIXES:
         raise BagNotReadable(path, "not a bag folder, nor an .mcap or .db3 file")
+    directory = path if path.is_dir() else path.parent
+    information = _bag_information(directory)
+    paths = information.get("relative_file_paths")
+    # Old versions of rosbag2 wrote the folder's name before the file's.
+    listed = [PurePath(str(path)).name for path in paths] if isinstance(paths, list) else None
+    if is_bag:
+        files = _storage_files(directory, listed, damage)
+    else:
+        files = [path]
+        if listed is None or {_unpacked(other) for other in listed} != {name}:
+            information = _part_information(information, name)
+    total, by_topic = _stated_counts(information)
+    if total is None and (listed is not None if is_bag else name.endswith(".db3")):
+        damage.append(f"{METADATA_FILE} does not say how many messages were recorded")
+    return _Content(files, total, by_topic)
+
+
+def _raw_messages(files: Sequence[Path], damage: list[str]) -> Iterator[RawMessage]:
+    """Undecoded messages of the files of a bag; appends to ``damage`` what could not be read."""
     failures: list[BagNotReadable] = []
     for file in files:
         try:
-            if file.suffix == ".mcap":
-                yield from mcap_messages(file, damage)
-            else:
-                yield from _rosbags_messages(file)
+            yield from stored_messages(file, damage)
         except BagNotReadable as error:
             failures.append(error)
             damage.append(f"{file.name}: {error.problem}")
@@ -132,74 +159,70 @@ def _raw_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
         raise failures[0]
 
 
-def _rosbags_messages(path: Path) -> Iterator[RawMessage]:
-    with ExitStack() as stack:
-        # The reader passes on any error of its database, YAML and decompression libraries.
-        try:
-            reader = stack.enter_context(Reader(path))
-            messages = reader.messages()
-        except Exception as error:
-            raise BagNotReadable(path, str(error)) from error
-        while True:
-            try:
-                connection, time, data = next(messages)
-            except StopIteration:
-                return
-            except Exception as error:
-                raise BagNotReadable(path, str(error)) from error
-            yield RawMessage(
-                connection.topic,
-                connection.msgtype,
-                time,
-                time,
-                data,
-                connection.msgdef.data,
-                _definition_format(connection),
-            )
-
-
-def _definition_format(connection: Connection) -> str:
-    assert isinstance(connection.ext, ConnectionExtRosbag2)
-    formats = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl"}
-    return formats.get(connection.msgdef.format, "")
-
-
 def _bag_information(directory: Path) -> dict[str, Any]:
     """What metadata.yaml says; empty if it is missing or damaged."""
     try:
-        content = yaml.safe_load((directory / METADATA_FILE).read_text())
+        content = bounded_yaml(read_text(directory / METADATA_FILE))
         information = content["rosbag2_bagfile_information"]
-    # YAML passes on the errors of its values: an invalid date, a number too long.
-    except Exception:
+    except (OSError, ValueError, KeyError, TypeError):
         return {}
     return information if isinstance(information, dict) else {}
 
 
-def _storage_files(directory: Path, information: dict[str, Any], damage: list[str]) -> list[Path]:
-    found = sorted(
-        (file for file in directory.iterdir() if file.suffix in _STORAGE_SUFFIXES),
-        key=_natural_order,
-    )
-    listed = information.get("relative_file_paths")
-    if not isinstance(listed, list):
+def _part_information(information: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """What metadata.yaml says of one of several files; empty if it says nothing."""
+    parts = information.get("files")
+    for part in parts if isinstance(parts, list) else ():
+        if isinstance(part, dict) and _unpacked(PurePath(str(part.get("path"))).name) == name:
+            return part
+    return {}
+
+
+def _stated_counts(information: Mapping[str, Any]) -> tuple[int | None, Counter[str] | None]:
+    """Stated numbers of messages, of all topics and by topic; None where there are none."""
+    topics = information.get("topics_with_message_count")
+    by_topic: Counter[str] = Counter()
+    try:
+        for topic in topics or ():
+            by_topic[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+        return int(information["message_count"]), None if topics is None else by_topic
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None, None
+
+
+def _storage_files(directory: Path, listed: list[str] | None, damage: list[str]) -> list[Path]:
+    """The listed files and others of a bag; of a file and its compressed form, the file."""
+    try:
+        names = sorted((file.name for file in directory.iterdir()), key=_natural_order)
+    except OSError as error:
+        raise BagNotReadable(directory, error.strerror or str(error)) from error
+    wanted = dict.fromkeys(_unpacked(name) for name in listed or ())
+    found: dict[str, Path] = {}
+    for name in names:
+        plain = _unpacked(name)
+        is_storage = plain in wanted or PurePath(plain).suffix in _STORAGE_SUFFIXES
+        if is_storage and (plain == name or plain not in found):
+            found[plain] = directory / name
+    if listed is None:
         damage.append(f"{METADATA_FILE} is missing or damaged: the recorder was killed")
-        files = found
     else:
-        # Old versions of rosbag2 wrote the folder's name before the file's.
-        names = [Path(str(name)).name for name in listed]
-        # Compared as text: a listed name need not be a valid file name.
-        existing = {file.name for file in directory.iterdir() if file.is_file()}
-        damage += [f"{name}: is missing" for name in names if name not in existing]
-        files = [directory / name for name in names if name in existing]
-        files += [file for file in found if file.name not in names]
-    if not files:
+        damage += [f"{name}: is missing" for name in wanted if name not in found]
+        others = [path.name for name, path in found.items() if name not in wanted]
+        damage += [f"{name}: {METADATA_FILE} does not list it" for name in others]
+    if not found:
         raise BagNotReadable(directory, "no .mcap or .db3 file in the folder")
-    return files
+    # The listed ones in their order, then the others.
+    return [found[name] for name in {**wanted, **dict.fromkeys(found)} if name in found]
 
 
-def _natural_order(path: Path) -> list[tuple[int, str]]:
+def _unpacked(name: str) -> str:
+    """The name of a file without the suffix of its compression."""
+    return name.removesuffix(".zstd").removesuffix(".zst")
+
+
+def _natural_order(name: str) -> list[tuple[int, str]]:
     """Sort key under which ``bag_10`` comes after ``bag_9``."""
-    parts = re.split(r"(\d+)", path.name)
+    parts = re.split(r"(\d+)", name)
     return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer as McapWriter
@@ -21,6 +23,21 @@ from msg_tools.bags.writer import BagWriter
 POINT = "geometry_msgs/msg/Point"
 CHUNK_COUNT = 12
 MESSAGES_PER_CHUNK = 5
+
+
+def write_metadata(bag: Path, files: Sequence[str], counts: Mapping[str, int]) -> None:
+    topics = [
+        {"topic_metadata": {"name": name, "type": POINT}, "message_count": count}
+        for name, count in counts.items()
+    ]
+    information = {
+        "version": 9,
+        "relative_file_paths": list(files),
+        "message_count": sum(counts.values()),
+        "topics_with_message_count": topics,
+    }
+    text = yaml.safe_dump({"rosbag2_bagfile_information": information})
+    (bag / "metadata.yaml").write_text(text)
 
 
 def point_cdr(number: float) -> bytes:
@@ -191,10 +208,7 @@ def test_a_split_bag_is_read_in_order_and_a_missing_part_is_told(tmp_path: Path)
             writer.add_topic("/point", POINT)
             writer.write("/point", point_cdr(number), START_NS + number, START_NS + number)
         shutil.copy(tmp_path / f"part_{number}" / f"part_{number}_0.mcap", bag / name)
-    (bag / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information:\n  version: 9\n  relative_file_paths:\n"
-        + "".join(f"  - {name}\n" for name in names)
-    )
+    write_metadata(bag, names, {"/point": 11})
     assert [r.message.x for r in read_bag(bag).records()] == list(range(11))
     assert read_bag(bag).complete
 

@@ -19,6 +19,7 @@ ROSDEP_KEYS = {
     "click": "python3-click",
     "google": "python3-protobuf",
     "jinja2": "python3-jinja2",
+    "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mpl_toolkits": "python3-matplotlib",
