@@ -40,12 +40,6 @@ class ErrorKind(Enum):
     TOOL_ALIGNMENT = "alignment of the end effector"
 
 
-#: The four Denavit-Hartenberg parameters.
-DENAVIT_HARTENBERG = frozenset(
-    {ErrorKind.JOINT_ZERO, ErrorKind.JOINT_OFFSET, ErrorKind.LINK_LENGTH, ErrorKind.LINK_TWIST}
-)
-
-
 @dataclass(frozen=True, eq=False)
 class GeometricError:
     """One small motion of all links that follow a place of the chain.

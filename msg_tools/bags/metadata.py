@@ -57,25 +57,13 @@ def is_known_type(message_type: str) -> bool:
 
 def qos_text(offered_qos: Sequence[Qos]) -> str:
     """Quality of service in the YAML form that an MCAP channel of a bag carries."""
-    return _dump(dump_qos_v9(list(offered_qos))).strip()
-
-
-def metadata_text(file_name: str, topics: Sequence[RecordedTopic], span: RecordedSpan) -> str:
-    """Text of ``metadata.yaml`` for a bag of one MCAP file."""
-    return _dump({"rosbag2_bagfile_information": bag_information(file_name, topics, span)})
-
-
-def bag_information_text(
-    file_name: str, topics: Sequence[RecordedTopic], span: RecordedSpan
-) -> str:
-    """:func:`metadata_text` without its outer key, as rosbag2 keeps it inside the MCAP file."""
-    return _dump(bag_information(file_name, topics, span))
+    return yaml_text(dump_qos_v9(list(offered_qos))).strip()
 
 
 def bag_information(
     file_name: str, topics: Sequence[RecordedTopic], span: RecordedSpan
 ) -> Mapping[str, Any]:
-    """The contents of ``metadata.yaml`` under ``rosbag2_bagfile_information``."""
+    """What ``metadata.yaml`` has under ``rosbag2_bagfile_information``, for one MCAP file."""
     message_count = sum(topic.message_count for topic in topics)
     return {
         "version": 9,
@@ -112,6 +100,7 @@ def _extent(span: RecordedSpan, message_count: int) -> dict[str, Any]:
     }
 
 
-def _dump(content: object) -> str:
+def yaml_text(content: object) -> str:
+    """Content in the YAML of a bag, its keys in their order."""
     text: str = yaml.safe_dump(content, sort_keys=False)
     return text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -18,11 +18,11 @@ from msg_tools.bags.metadata import (
     METADATA_FILE,
     RecordedSpan,
     RecordedTopic,
-    bag_information_text,
+    bag_information,
     is_known_type,
     jazzy_types,
-    metadata_text,
     qos_text,
+    yaml_text,
 )
 from msg_tools.bags.provisional_end import LIBRARY, ClosedMcapFile
 
@@ -185,12 +185,7 @@ class BagWriter:
         with self._failing_for_good():
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._writer.add_metadata(
-                "rosbag2",
-                {
-                    "serialized_metadata": bag_information_text(
-                        self._file_name, list(self._topics.values()), self._span
-                    )
-                },
+                "rosbag2", {"serialized_metadata": yaml_text(self._information())}
             )
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close(with_own_end=True)
@@ -210,8 +205,11 @@ class BagWriter:
                 "a bag is never overwritten; give another folder or remove this one",
             )
 
+    def _information(self) -> Mapping[str, Any]:
+        return bag_information(self._file_name, list(self._topics.values()), self._span)
+
     def _write_metadata(self) -> None:
-        text = metadata_text(self._file_name, list(self._topics.values()), self._span)
+        text = yaml_text({"rosbag2_bagfile_information": self._information()})
         write_files_atomically(self._directory, {METADATA_FILE: text.encode()})
         self._metadata_at = time.monotonic()
 
