@@ -42,26 +42,20 @@ __all__ = [
     "save_dataset",
 ]
 
-_MODULES = {
-    "AcceptanceLimits": "safety",
-    "AnnikError": "errors",
-    "CommandSafety": "safety",
-    "Dataset": "dataset",
-    "IkResult": "solver.result",
-    "IkServer": "serving.ik_server",
-    "IkSolver": "solver.ik_solver",
-    "IkStatus": "safety",
-    "Model": "model.artifact",
-    "RefinementOptions": "solver.options",
-    "Robot": "robots.robot",
-    "SolverMode": "solver.ik_solver",
-    "load_dataset": "dataset",
-    "load_model": "model.artifact",
-    "load_robot": "robots.library",
-    "packaged_models": "installation",
-    "packaged_robots": "robots.library",
-    "save_dataset": "dataset",
+_NAMES = {
+    "dataset": ("Dataset", "load_dataset", "save_dataset"),
+    "errors": ("AnnikError",),
+    "installation": ("packaged_models",),
+    "model.artifact": ("Model", "load_model"),
+    "robots.library": ("load_robot", "packaged_robots"),
+    "robots.robot": ("Robot",),
+    "safety": ("AcceptanceLimits", "CommandSafety", "IkStatus"),
+    "serving.ik_server": ("IkServer",),
+    "solver.ik_solver": ("IkSolver", "SolverMode"),
+    "solver.options": ("RefinementOptions",),
+    "solver.result": ("IkResult",),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

@@ -55,16 +55,15 @@ def check_python() -> Iterator[Finding]:
 
 def check_libraries() -> Iterator[Finding]:
     """The libraries that are not ROS, by their installed versions."""
-    for name in _LIBRARIES:
+    needed = {name: (Verdict.BAD, f"pip install {name}") for name in _LIBRARIES}
+    optional = {
+        name: (Verdict.NOTE, f"only for {use}") for name, use in _OPTIONAL_LIBRARIES.items()
+    }
+    for name, (verdict, remedy) in {**needed, **optional}.items():
         try:
             yield Finding(Verdict.GOOD, f"{name} {version(name)}")
         except PackageNotFoundError:
-            yield Finding(Verdict.BAD, f"{name} is not installed", f"pip install {name}")
-    for name, purpose in _OPTIONAL_LIBRARIES.items():
-        try:
-            yield Finding(Verdict.GOOD, f"{name} {version(name)}")
-        except PackageNotFoundError:
-            yield Finding(Verdict.NOTE, f"{name} is not installed", f"only for {purpose}")
+            yield Finding(verdict, f"{name} is not installed", remedy)
 
 
 def check_ros() -> Iterator[Finding]:

@@ -30,19 +30,15 @@ __all__ = [
     "train",
 ]
 
-_MODULES = {
-    "CalibratedRobot": "calibration.calibrate",
-    "CalibrationOptions": "calibration.calibrate",
-    "Evaluation": "evaluation",
-    "FitOptions": "fitting.options",
-    "TrainedModel": "training",
-    "calibrate": "calibration.calibrate",
-    "design_names": "designs.registry",
-    "evaluate": "evaluation",
-    "generate_dataset": "designs.sampling",
-    "make_design": "designs.registry",
-    "train": "training",
+_NAMES = {
+    "calibration.calibrate": ("CalibratedRobot", "CalibrationOptions", "calibrate"),
+    "designs.registry": ("design_names", "make_design"),
+    "designs.sampling": ("generate_dataset",),
+    "evaluation": ("Evaluation", "evaluate"),
+    "fitting.options": ("FitOptions",),
+    "training": ("TrainedModel", "train"),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

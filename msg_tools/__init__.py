@@ -33,21 +33,16 @@ __all__ = [
     "write_report",
 ]
 
-_MODULES = {
-    "Bag": "bags.reader",
-    "BagNotFound": "bags.errors",
-    "BagNotReadable": "bags.errors",
-    "BagWriter": "bags.writer",
-    "TrackingReport": "report.tracking",
-    "joint_state_from_array": "conversions.joint_state",
-    "joint_state_to_array": "conversions.joint_state",
-    "pose_from_array": "conversions.pose",
-    "pose_stamped_from_array": "conversions.pose",
-    "pose_to_array": "conversions.pose",
-    "read_bag": "bags.reader",
-    "tracking_report": "report.tracking",
-    "write_report": "report.write",
+_NAMES = {
+    "bags.errors": ("BagNotFound", "BagNotReadable"),
+    "bags.reader": ("Bag", "read_bag"),
+    "bags.writer": ("BagWriter",),
+    "conversions.joint_state": ("joint_state_from_array", "joint_state_to_array"),
+    "conversions.pose": ("pose_from_array", "pose_stamped_from_array", "pose_to_array"),
+    "report.tracking": ("TrackingReport", "tracking_report"),
+    "report.write": ("write_report",),
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
