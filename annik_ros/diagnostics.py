@@ -13,8 +13,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from annik_core.serving.stamps import LAST_STAMP
-from annik_core.serving.statistics import OutcomeSummary, SolveSummary
-from annik_ros.diagnostic_values import LEAST_RATE, MANY
+from annik_core.serving.statistics import LEAST_RATE, MANY, OutcomeSummary, SolveSummary
 from msg_tools.conversions.stamp import stamp_from_nanoseconds
 from msg_tools.topics import DIAGNOSTICS
 

@@ -16,7 +16,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -24,14 +24,14 @@ from typing import Any
 import yaml
 
 from annik_core.safety import AcceptanceLimits, IkStatus
-from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
 from annik_ros.ik_node.parameters import SERVICES
-from annik_ros.parameter_tables import PARAMETER_TABLES
 from annik_ros.parameters import Parameter
 from annik_training.designs.registry import DESIGNS
-from annik_training.designs.thirty_phase_design import describe_phases
+from annik_training.designs.thirty_phase_design import phases as phases_of
 from benchmarks.conditions import machine
 from benchmarks.markdown import markdown_table
+from docs.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
+from docs.parameter_tables import PARAMETER_TABLES
 from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent
@@ -131,6 +131,15 @@ def designs() -> str:
         for d in DESIGNS.values()
     ]
     return markdown_table(("design", "size", "default", "what it is"), rows)
+
+
+def describe_phases(dof: int) -> Iterator[str]:
+    """One line per phase, joints counted from 1, for the documentation."""
+    names = ("min", "med", "max")
+    for number, phase in enumerate(phases_of(dof), start=1):
+        swept = ", ".join(f"q{joint + 1}" for joint in phase.swept)
+        others = "" if len(phase.swept) == dof else f", the others at {names[phase.held_at]}"
+        yield f"{number}: {swept} swept{others}"
 
 
 def phases() -> str:

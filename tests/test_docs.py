@@ -15,7 +15,7 @@ import pytest
 from support.processes import ROOT, run_python
 
 from annik_core.robots.library import packaged_robots
-from annik_ros.parameter_tables import PARAMETER_TABLES
+from docs.parameter_tables import PARAMETER_TABLES
 from msg_tools.topics import TOPICS
 
 PAGES = [

@@ -11,6 +11,11 @@ import numpy as np
 
 from annik_core.solver.result import IkResult
 
+#: A rate below this fraction of the expected rate is a warning.
+LEAST_RATE = 0.8
+#: This many refusals in a period, and nothing accepted, are an error.
+MANY = 10
+
 
 @dataclass(frozen=True)
 class OutcomeSummary:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -107,12 +107,3 @@ def _paper_rows(phase_number: int, steps: int) -> slice:
         1 if phase_number in without_first else 0,
         steps if phase_number in without_last else steps + 1,
     )
-
-
-def describe_phases(dof: int) -> Iterator[str]:
-    """One line per phase, joints counted from 1, for the documentation."""
-    names = {_MIN: "min", _MED: "med", _MAX: "max"}
-    for number, phase in enumerate(phases(dof), start=1):
-        swept = ", ".join(f"q{joint + 1}" for joint in phase.swept)
-        others = "" if len(phase.swept) == dof else f", the others at {names[phase.held_at]}"
-        yield f"{number}: {swept} swept{others}"

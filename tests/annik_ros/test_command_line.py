@@ -12,7 +12,7 @@ from annik_ros.command_line import (
     help_text,
 )
 from annik_ros.ik_node.parameters import IkNodeParameters
-from annik_ros.parameter_tables import PARAMETER_TABLES
+from docs.parameter_tables import PARAMETER_TABLES
 
 FOR_ROS = ("--ros-args", "-p", "model:=ur5e", "-r", "__ns:=/a", "--log-level", "debug", "-e", "/e")
 

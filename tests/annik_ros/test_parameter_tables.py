@@ -16,7 +16,6 @@ from annik_core.settings import setting
 from annik_core.solver.options import RefinementOptions
 from annik_ros.fake_robot.parameters import FakeRobotParameters
 from annik_ros.ik_node.parameters import IkNodeParameters
-from annik_ros.parameter_tables import PARAMETER_TABLES
 from annik_ros.parameters import (
     Parameter,
     from_values,
@@ -25,6 +24,7 @@ from annik_ros.parameters import (
     parameter_table,
     parameters_of,
 )
+from docs.parameter_tables import PARAMETER_TABLES
 
 ROWS = [
     pytest.param(row, id=f"{node}-{row.name}")
@@ -94,7 +94,7 @@ def test_every_default_is_finite(row: Parameter) -> None:
 @pytest.mark.process
 def test_the_tables_need_no_ros() -> None:
     """So that documentation can be generated anywhere."""
-    code = "import sys, annik_ros.parameter_tables; sys.exit('rclpy' in sys.modules)"
+    code = "import sys, docs.parameter_tables; sys.exit('rclpy' in sys.modules)"
     assert run_python("-c", code).returncode == 0
 
 

@@ -22,7 +22,7 @@ from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot
 from annik_core.simulation.fake_robot import FakeRobot
 from annik_core.simulation.imperfections import ImperfectionMagnitudes, random_imperfections
-from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES
+from docs.diagnostic_values import DIAGNOSTIC_VALUES
 from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.pose import pose_stamped_from_array
 from msg_tools.conversions.stamp import stamp_from_nanoseconds

@@ -20,7 +20,7 @@ import pytest
 from support.processes import ROOT, Process, wait_until
 
 from annik_ros.declare_parameters import OF_OTHER_NODES, meant_parameter
-from annik_ros.parameter_tables import PARAMETER_TABLES
+from docs.parameter_tables import PARAMETER_TABLES
 
 NODES = tuple(PARAMETER_TABLES)
 

@@ -17,7 +17,7 @@ from support.collection_plans import small_plan
 
 from annik_core.dataset import save_dataset
 from annik_core.robots.library import load_robot
-from annik_ros.parameter_tables import PARAMETER_TABLES
+from docs.parameter_tables import PARAMETER_TABLES
 
 
 def values_of(client: Any, node: str) -> dict[str, ParameterValue]:

@@ -11,8 +11,8 @@ from support.client import reported_keys
 
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import IkStatus
-from annik_ros.diagnostic_values import DIAGNOSTIC_VALUES
 from annik_ros.ik_node.parameters import SERVICES
+from docs.diagnostic_values import DIAGNOSTIC_VALUES
 from msg_tools.conversions.stamp import stamp_from_nanoseconds
 from msg_tools.topics import TOPICS
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from support.processes import ROOT
 
-from annik_ros.parameter_tables import PARAMETER_TABLES
+from docs.parameter_tables import PARAMETER_TABLES
 
 PACKAGE_XML = ElementTree.parse(ROOT / "package.xml").getroot()
 ANNIK = distribution("annik_ros")

@@ -23,12 +23,13 @@ from annik_training.designs.quadratic_model import (
     vanishing_combinations,
 )
 from annik_training.designs.registry import DESIGNS, Needs, design_names, make_design
-from annik_training.designs.thirty_phase_design import describe_phases, phases, thirty_phase_design
+from annik_training.designs.thirty_phase_design import phases, thirty_phase_design
 from annik_training.designs.thirty_phase_plus_design import (
     interaction_phases,
     thirty_phase_plus_design,
 )
 from annik_training.errors import UnsupportedRobot
+from docs.update_docs import describe_phases
 
 MIN, MED, MAX = 20, 35, 50
 

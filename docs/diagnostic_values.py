@@ -5,10 +5,7 @@ For the documentation, and for the test that compares the reports with it.
 
 from __future__ import annotations
 
-#: A rate below this fraction of the expected rate is a warning.
-LEAST_RATE = 0.8
-#: This many refusals in a period, and nothing accepted, are an error.
-MANY = 10
+from annik_core.serving.statistics import LEAST_RATE, MANY
 
 _COUNTS = {
     "{what}s received": "since the configuration; exactly the sum of accepted and refused",
