@@ -35,6 +35,24 @@ def test_positions_are_matched_by_name(measured: MeasuredJoints) -> None:
     assert measured.missing(0.1) is None
 
 
+def test_what_was_found_does_not_change_with_later_messages(measured: MeasuredJoints) -> None:
+    measured.update(0.0, NAMES, [1.0, 2.0, 3.0])
+    found = measured.newest(0.0)
+    measured.update(0.1, NAMES, [4.0, 5.0, 6.0])
+    assert found is not None
+    assert found.joint_positions.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_every_message_is_counted(measured: MeasuredJoints) -> None:
+    measured.update(0.0, NAMES, [1.0, 2.0, 3.0])
+    measured.update(0.0, ["finger"], [1.0])
+    measured.update(0.0, NAMES, [])
+    measured.update(0.0, NAMES, [1.0])
+    measured.malformed(0.0, "it ends after 3 bytes")
+    assert (measured.received, measured.foreign) == (5, 1)
+    assert sum(measured.faults.values()) == 2
+
+
 @pytest.mark.parametrize("others", [0, 1, 25, 10_000])
 def test_messages_of_a_gripper_push_nothing_out(measured: MeasuredJoints, others: int) -> None:
     measured.update(0.0, NAMES, [1.0, 2.0, 3.0])
