@@ -59,24 +59,33 @@ def test_the_most_disputed_come_first_but_not_side_by_side() -> None:
     assert _spread_out(spread, candidates, np.array([[0.0]]), 2) == [2, 4]
 
 
-@pytest.mark.parametrize("width", [1.0, 1000.0])
-def test_where_all_agree_the_box_is_filled(width: float) -> None:
-    """A constant is learned at once: then distance alone decides, and no two are close.
-
-    Distances are relative to the widths of the box, which may be in metres and radians.
-    """
-    widths = np.array([1.0, width])
-    box = JointLimits(("q1", "q2"), -widths, widths)
-    constant = FunctionSystem(
+def constant_in(box: JointLimits) -> FunctionSystem:
+    """A constant is learned at once: then distance alone decides."""
+    return FunctionSystem(
         "constant",
         box,
         (-np.ones(1), np.ones(1)),
         lambda q: np.zeros((len(q), 1)),
         lambda q: np.zeros((len(q), 1, 2)),
     )
-    added = make_design(constant, "active", 24, seed=0)[4:]
+
+
+def test_where_all_agree_the_box_is_filled() -> None:
+    """No two are close."""
+    box = JointLimits(("q1", "q2"), -np.ones(2), np.ones(2))
+    added = make_design(constant_in(box), "active", 24, seed=0)[4:]
     drawn = random_design(box, 20, np.random.default_rng(0))
-    assert pdist(added / widths).min() > 3 * pdist(drawn / widths).min()
+    assert pdist(added).min() > 3 * pdist(drawn).min()
+
+
+def test_distances_are_relative_to_the_widths_of_the_box() -> None:
+    """Which may be in radians and metres."""
+    widths = np.array([1.0, 1000.0])
+    designs = [
+        make_design(constant_in(JointLimits(("q1", "q2"), -half, half)), "active", 16, seed=0)
+        for half in (np.ones(2), widths)
+    ]
+    np.testing.assert_allclose(designs[1] / widths, designs[0], atol=1e-12)
 
 
 def test_it_works_for_a_robot(gantry: Robot) -> None:
