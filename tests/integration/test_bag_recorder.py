@@ -16,6 +16,7 @@ from support.nodes import NodeProcess
 from support.processes import EXIT_PATIENCE, PATIENCE, Process, wait_until
 
 from msg_tools.bags.reader import read_bag
+from msg_tools.topics import TOPICS
 
 # Publishes position.x = 0, 1, 2, ... and prints each number once it is out.
 PUBLISHER = """
@@ -125,7 +126,7 @@ def test_all_messages_are_recorded_and_a_signal_closes_the_bag(
     recording: Recording, tmp_path: Path, signal_number: int
 ) -> None:
     recorder = recording.recorder("output:=bag")
-    recorder.wait_for_text("recording 13 topics to bag")
+    recorder.wait_for_text(f"recording {len(TOPICS)} topics to bag")
     publisher = recording.publisher(count=100)
     published(publisher, 100)
     wait_until(lambda: len(recorded_numbers(tmp_path / "bag")) == 100, "all messages in the bag")
