@@ -11,11 +11,13 @@ import numpy as np
 from annik_core.dataset import Dataset
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.robot import Robot
+from annik_core.safety import AcceptanceLimits
 from annik_core.solver.ik_solver import SolverMode
 from annik_core.solver.options import RefinementOptions, RefinementResult
 from annik_core.solver.refinement import Refinement
 from annik_training.defaults import DEFAULT_EVALUATION_POSES
 from annik_training.designs.sampling import random_dataset
+from annik_training.joint_box import mobility
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
@@ -76,6 +78,10 @@ class Evaluation:
     orientation_error: ErrorSummary  #: of the network alone [rad]
     #: Fraction of the network's joint positions outside the joint limits.
     outside_joint_limits: float
+    #: Fraction of them that a node accepts by default, without refinement.
+    accepted: float
+    #: Joints that can move together while the end effector rests.
+    redundant_joints: list[str]
     #: Errors after refinement; None for a robot whose solutions are not refined.
     refined: RefinedEvaluation | None = None
 
@@ -87,6 +93,8 @@ class Evaluation:
             "position_error_m": vars(self.position_error),
             "orientation_error_rad": vars(self.orientation_error),
             "outside_joint_limits": self.outside_joint_limits,
+            "accepted": self.accepted,
+            "redundant_joints": self.redundant_joints,
         }
         return data if self.refined is None else {**data, "refined": self.refined.to_dict()}
 
@@ -104,14 +112,19 @@ class NetworkErrors:
 
     def summary(self) -> Evaluation:
         """Percentiles of the errors."""
-        limits = self.dataset.robot.joint_limits
+        limits, acceptance = self.dataset.robot.joint_limits, AcceptanceLimits()
         within = (self.joint_positions >= limits.lower) & (self.joint_positions <= limits.upper)
+        inside = within.all(axis=1)
+        near = self.distances <= acceptance.max_position_residual
+        near &= self.angles <= acceptance.max_orientation_residual
         return Evaluation(
             examples=len(self.dataset),
             seed=self.dataset.seed,
             position_error=ErrorSummary.of(self.distances),
             orientation_error=ErrorSummary.of(self.angles),
-            outside_joint_limits=float((~within.all(axis=1)).mean()),
+            outside_joint_limits=float((~inside).mean()),
+            accepted=float((inside & near).mean()),
+            redundant_joints=mobility(self.dataset.robot).redundant,
             refined=(
                 None if self.refined is None else _refined_evaluation(self.refined, self.dataset)
             ),

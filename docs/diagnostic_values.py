@@ -39,6 +39,8 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "them. The following keys exist once a model is loaded",
         "model": "path of the file",
         "model sha256": "first digits of its SHA-256",
+        "model quality": "what it solves of random poses, by its evaluation; and what makes it "
+        "poor",
         "robot": "its name",
         "mode": "network or refined",
         "forward kinematics": "as described, or learned from how many measured poses: those of "

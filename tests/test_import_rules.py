@@ -52,6 +52,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
     "annik_training": (
         "errors",
         "networks",
+        "joint_box",
         "fitting",
         "defaults",
         "calibration",

@@ -31,7 +31,7 @@ from annik_core.model.graph import (
     nodes_after,
     parsed_graph,
 )
-from annik_core.model.metadata import ModelMetadata
+from annik_core.model.metadata import ModelMetadata, Quality, quality_of
 from annik_core.model.session import (
     PLAIN_ENCODING,
     BoundSession,
@@ -102,6 +102,11 @@ class Model:
             return self._whole_graph(pose.tobytes())
         except Exception as error:
             raise self._failed(first_line(error)) from error
+
+    @cached_property
+    def quality(self) -> Quality:
+        """What the model solves, by the evaluation of its training."""
+        return quality_of(self.metadata.evaluation)
 
     @cached_property
     def _whole_graph(self) -> BoundSession:

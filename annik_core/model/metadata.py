@@ -11,12 +11,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_origin, get_type_hints
 
 import numpy as np
 
+from annik_core.errors import listed
 from annik_core.model.errors import InvalidMetadata, UnsupportedFormat
 from annik_core.robots.definition import is_numeric
+from annik_core.safety import AcceptanceLimits
 
 FORMAT_VERSION = "2"
 SUPPORTED_VERSIONS = (FORMAT_VERSION,)
@@ -27,6 +29,11 @@ _PREFIX = "annik."
 MAX_REFERENCES = 64
 #: Most characters of an entry. That of a calibrated robot has some ten thousand.
 MAX_LENGTH = 1_000_000
+#: Of random poses, a model that solves less is poor, and one is ambiguous that solves less by the
+#: joint positions that they were made from.
+_SOLVED, _SAME_SOLUTION = 0.995, 0.95
+#: Mean steps of refinement beyond which a network is only a rough start; 2 to 3 are usual.
+_STEPS = 3.3
 
 
 @dataclass(frozen=True)
@@ -166,3 +173,62 @@ def _check_numbers(value: Any, key: str, width: int | None, dof: int, path: Path
     )
     if not right_shape:
         raise InvalidMetadata(path, key, f"shape {numbers.shape}, not {expected}")
+
+
+class Quality(NamedTuple):
+    """What a model solves of random poses, and what makes it poor, with the remedy."""
+
+    summary: str
+    concerns: list[str]
+
+    def __str__(self) -> str:
+        """One line."""
+        return "; ".join((self.summary, *self.concerns))
+
+
+def quality_of(evaluation: Mapping[str, Any]) -> Quality:
+    """The quality by the evaluation of a model file, as far as that of another annik tells."""
+    refined, redundant = evaluation.get("refined"), evaluation.get("redundant_joints")
+    if not isinstance(refined, Mapping):
+        refined = {"success": _accepted(evaluation)}
+    solved, same, steps = (
+        _number(refined, key) for key in ("success", "same_solution", "mean_steps")
+    )
+    # Rounded down, so that 100 % are all.
+    told = [
+        f"{math.floor(1e4 * part + 1e-9) / 100:g} % {what}"
+        for part, what in (
+            (solved, "of random poses solved"),
+            (same, "by the joint positions that they were made from"),
+        )
+        if not math.isnan(part)
+    ]
+    concerns = []
+    if solved < _SOLVED:
+        concerns.append("poor: give more examples, a larger network, or a smaller joint box")
+    if same < _SAME_SOLUTION:
+        concerns.append("ambiguous: choose a joint box with one solution, by annik robot")
+    if steps > _STEPS:
+        concerns.append(f"rough: refined by {steps:.1f} steps, not 2 to 3; give more examples")
+    if isinstance(redundant, list) and redundant:
+        names = listed(list(map(str, redundant)))
+        concerns.append(f"redundant: {names}; lock as many as annik robot says")
+    return Quality(", ".join(told) or "unknown", concerns)
+
+
+def _accepted(evaluation: Mapping[str, Any]) -> float:
+    """Of a network alone, what a node accepts by default; an older file says so of all or none."""
+    limits = AcceptanceLimits()
+    bounds = {
+        "position_error_m": limits.max_position_residual,
+        "orientation_error_rad": limits.max_orientation_residual,
+    }
+    if all(_number(evaluation.get(key), "max") <= bound for key, bound in bounds.items()):
+        return 1.0
+    return _number(evaluation, "accepted")
+
+
+def _number(evaluation: object, key: str) -> float:
+    """A number of an evaluation, NaN where there is none."""
+    value = evaluation.get(key) if isinstance(evaluation, Mapping) else None
+    return float(value) if isinstance(value, (int, float)) else math.nan

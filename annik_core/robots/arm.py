@@ -354,9 +354,10 @@ def _joint_box(
                 source, f"joint_box of {joint} is {inner}, not inside its limits {outer}"
             )
         if kind != "prismatic" and upper[index] - lower[index] > FULL_TURN + TURN_TOLERANCE:
-            # The pose is the same after a full turn.
+            # The pose is the same after a full turn, so that the limits stand for one.
             middle = 0.5 * (lower[index] + upper[index])
-            if joint in entries:
+            given_less = lower[index] > limits.lower[index] or upper[index] < limits.upper[index]
+            if joint in entries and given_less:
                 raise InvalidRobotDefinition(
                     source, f"joint_box of {joint} is wider than a full turn: no single solution"
                 )

@@ -35,7 +35,7 @@ def load_robot(
     *,
     base_frame: str | None = None,
     end_effector_frame: str | None = None,
-    joint_box: Mapping[str, Sequence[float]] | None = None,
+    joint_box: Mapping[str, Sequence[float | str]] | None = None,
 ) -> Robot:
     """Load a robot by name, by the path of its definition or URDF, or from the text of a URDF.
 
@@ -46,8 +46,8 @@ def load_robot(
             else the root of the URDF.
         end_effector_frame: of an arm: the link whose pose is meant; by default the definition's,
             or else the tip of the URDF, if it has only one.
-        joint_box: of an arm: [lower, upper] of joints by name [rad or m], which replace those of
-            the definition; equal bounds lock a joint.
+        joint_box: of an arm: [lower, upper] of joints by name [rad or m, or texts with a unit,
+            such as 90deg], which replace those of the definition; equal bounds lock a joint.
 
     Raises:
         UnknownRobot: if there is no such robot or file; lists the packaged names.

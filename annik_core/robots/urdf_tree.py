@@ -168,7 +168,7 @@ class UrdfTree:
             self._top(base)
         if len(tips) != 1:
             tips.sort(key=lambda link: -below[link])
-            counted = [f"{tip} ({below[tip]} joints)" for tip in tips]
+            counted = [f"{tip} ({below[tip]} joint{'s' * (below[tip] != 1)})" for tip in tips]
             raise self._refused(
                 "the end effector is not clear, the tree has several tips: give "
                 f"end_effector_frame, one of its links, such as {listed(counted)}"

@@ -143,9 +143,10 @@ class IkNode(ManagedNode):
         self._serving.publishers.forget()
         self._active = True
         solver = self._serving.server.solver
-        self.get_logger().info(
+        self._announce(
             f"serving {solver.artifact.path} for robot {solver.robot.name}: "
-            f"{TARGET_POSE.name} -> {JOINT_COMMAND.name}"
+            f"{TARGET_POSE.name} -> {JOINT_COMMAND.name}",
+            self._serving.server,
         )
         return super().on_activate(state)
 
@@ -289,8 +290,14 @@ class IkNode(ManagedNode):
             response.success = True
             artifact = server.solver.artifact
             response.message = f"now serving {artifact.path}, {_kinematics(artifact.robot)}"
-            self.get_logger().info(response.message)
+            self._announce(response.message, server)
         return response
+
+    def _announce(self, text: str, server: IkServer) -> None:
+        self.get_logger().info(text)
+        model = server.solver.artifact
+        if model.quality.concerns:
+            self.get_logger().warning(f"model {model.path}: {model.quality}")
 
     def _on_parameters(self, _: list[Parameter]) -> None:
         self.options = current_parameters(self, IkNodeParameters)
@@ -307,6 +314,7 @@ class IkNode(ManagedNode):
         model = {
             "model": str(artifact.path),
             "model sha256": artifact.sha256[:12],
+            "model quality": str(artifact.quality),
             "robot": artifact.robot.name,
             "mode": "refined" if server.solver.refines else "network",
             "forward kinematics": _kinematics(artifact.robot),

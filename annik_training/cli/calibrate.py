@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 import annik_training
@@ -109,7 +108,6 @@ def calibration_summary(calibrated: CalibratedRobot) -> dict[str, Any]:
 
 def _print_calibration(calibrated: CalibratedRobot) -> None:
     """Print the parts of the model, the outliers, and the errors that were not identified."""
-    console = Console()
     table = Table("parts of the model", "parameters", "left-out error", "")
     for candidate in calibrated.candidates:
         table.add_row(
@@ -119,24 +117,22 @@ def _print_calibration(calibrated: CalibratedRobot) -> None:
             "used" if candidate.parts == calibrated.estimate.model.parts else "",
         )
     table.caption = "mean square, in squared standard deviations of the noise: 1 is noise alone"
-    console.print(table)
+    Console().print(table)
     noise, outliers = calibrated.estimate.noise, calibrated.outliers
-    console.print(
-        escape(
-            f"{len(calibrated.dataset)} measured poses of {calibrated.dataset.robot.name}, "
-            f"{int(outliers.sum())} outliers left out, {calibrated.seconds:.1f} s"
-        )
+    click.echo(
+        f"{len(calibrated.dataset)} measured poses of {calibrated.dataset.robot.name}, "
+        f"{int(outliers.sum())} outliers left out, {calibrated.seconds:.1f} s"
     )
-    console.print(
+    click.echo(
         f"unexplained: {1e3 * noise.position:.4f} mm and {np.degrees(noise.orientation):.5f} "
         "degrees in each coordinate"
     )
     if outliers.any():
         rows = ", ".join(map(str, np.flatnonzero(outliers)))
-        console.print(f"outliers, by their row in the dataset: {rows}")
+        click.echo(f"outliers, by their row in the dataset: {rows}")
     if calibrated.unidentified:
-        names = escape("; ".join(calibrated.unidentified))
-        console.print(f"not identified by these poses, left near nominal: {names}")
+        names = "; ".join(calibrated.unidentified)
+        click.echo(f"not identified by these poses, left near nominal: {names}")
 
 
 def _names(parts: Iterable[Any]) -> list[str]:

@@ -6,12 +6,9 @@ import json
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from annik_core.dataset import Dataset, save_dataset
 from annik_core.errors import InvalidValue
@@ -25,9 +22,6 @@ from annik_training.cli.options import (
     design_options,
     robot_options,
 )
-
-if TYPE_CHECKING:
-    from annik_training.designs.diagnostics import DesignDiagnostics
 
 
 @click.command(
@@ -53,17 +47,15 @@ def design(seed: int, check: bool, plot: Path | None, out: Path | None, **choice
     if plot is not None and plot.suffix != ".png":
         raise InvalidValue("--plot", str(plot), "a name that ends in .png")
     dataset = chosen_dataset(seed, choices)
-    Console().print(
-        escape(
-            f"{dataset.design}: {len(dataset)} examples for {dataset.robot.name} "
-            f"({', '.join(dataset.robot.joint_names)})"
-        )
+    click.echo(
+        f"{dataset.design}: {len(dataset)} examples for {dataset.robot.name} "
+        f"({', '.join(dataset.robot.joint_names)})"
     )
     if check or plot is not None:
         _check_design(dataset, plot or Path(_plot_name(dataset)))
     if out is not None:
         save_dataset(dataset, out)
-        Console().print(f"wrote {escape(str(out))}")
+        click.echo(f"wrote {out}")
 
 
 def _check_design(dataset: Dataset, plot: Path) -> None:
@@ -74,7 +66,9 @@ def _check_design(dataset: Dataset, plot: Path) -> None:
 
     robot = dataset.robot
     diagnostics = diagnose(dataset.joint_positions, robot.joint_box)
-    _print_diagnostics(diagnostics)
+    click.echo(diagnostics)
+    blind = ", ".join(f"{first}*{second}" for first, second in diagnostics.blind_interactions)
+    click.echo(f"interactions it can't tell apart: {blind or 'none'}")
     title = f"{dataset.design}: {len(dataset)} examples for {robot.name}"
     figure = pair_figure(
         dataset.joint_positions, robot.joint_box, robot.joint_types, diagnostics, title
@@ -96,17 +90,3 @@ def _plot_name(dataset: Dataset) -> str:
     """A file name; the name of a robot may have any characters."""
     parts = (dataset.design, dataset.robot.name, "pairs.png")
     return "_".join(re.sub(r"[^\w.-]", "-", part) for part in parts)
-
-
-def _print_diagnostics(diagnostics: DesignDiagnostics) -> None:
-    table = Table("model in the joint positions", "rank", "terms", "condition number")
-    for name, model in (("linear", diagnostics.linear), ("quadratic", diagnostics.quadratic)):
-        table.add_row(name, str(model.rank), str(model.terms), f"{model.condition:.1f}")
-    console = Console()
-    console.print(table)
-    # Without spaces, so that no line breaks within a product.
-    blind = ", ".join(f"{first}*{second}" for first, second in diagnostics.blind_interactions)
-    console.print(f"interactions it can't tell apart: {escape(blind) or 'none'}")
-    console.print(
-        f"largest empty ball: {diagnostics.largest_empty_ball:.2f} of half the box's diagonal"
-    )

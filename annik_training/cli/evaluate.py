@@ -25,7 +25,7 @@ from annik_training.cli.options import (
     SUMMARY,
     measured_dataset,
 )
-from annik_training.cli.output import evaluation_table
+from annik_training.cli.output import print_evaluation
 from annik_training.evaluation import evaluation_dataset, network_errors
 
 _PERCENTILES = (("mean", None), ("p50", 50), ("p95", 95), ("max", 100))
@@ -65,7 +65,7 @@ def evaluate(
         loaded.joint_positions, evaluation_dataset(loaded.robot, evaluation_poses, seed)
     )
     title = f"{loaded.path}: {loaded.robot.name}"
-    Console().print(evaluation_table(errors.summary(), title))
+    print_evaluation(errors.summary(), title)
     if plot is not None:
         from annik_training.cli.plots import error_map
 

@@ -28,6 +28,7 @@ def info(model: Path) -> None:
     loaded = load_model(model)
     table = Table("entry", "value", title=escape(str(model)))
     table.add_row("sha256", loaded.sha256)
+    table.add_row("quality", escape(str(loaded.quality)))
     for key, value in vars(loaded.metadata).items():
         if key not in _LONG:
             table.add_row(key, escape(json.dumps(value)))
@@ -45,7 +46,7 @@ def convert(model: Path, out: Path) -> None:
     from annik_training.convert import convert_model
 
     metadata = convert_model(model, out)
-    Console().print(f"wrote {escape(str(out))} (format {metadata.format_version})")
+    click.echo(f"wrote {out} (format {metadata.format_version})")
 
 
 @click.command()

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
 from annik_core.dataset import COMPUTED, Dataset, load_dataset
 from annik_core.errors import InvalidValue
@@ -120,7 +119,7 @@ def chosen_dataset(seed: int, choices: dict[str, Any]) -> Dataset:
     size = given.pop(design.size.name, None)
     if size is None:
         size = design.size.default if named else usual.size
-        Console().print(f"{design.name}: {design.size.flag} is {size}, the default")
+        click.echo(f"{design.name}: {design.size.flag} is {size}, the default")
     return generate_dataset(robot, design.name, size, seed, given)
 
 
@@ -162,22 +161,21 @@ def _frame_options() -> tuple[Any, ...]:
             "--joint-box",
             multiple=True,
             metavar="JOINT=LOWER:UPPER",
-            help="Of an arm: interval of a joint [rad or m], inside its limits; once for each "
-            "joint. JOINT=VALUE locks it; the last one for a joint counts.",
+            help="Of an arm: interval of a joint [rad or m, or with a unit: -90deg:90deg, "
+            "0:250mm], inside its limits; once for each joint. JOINT=VALUE locks it; the last "
+            "one for a joint counts.",
         ),
     )
 
 
-def _bounds(text: str) -> tuple[str, tuple[float, float]]:
-    """``JOINT=LOWER:UPPER`` or ``JOINT=VALUE``."""
+def _bounds(text: str) -> tuple[str, tuple[str, str]]:
+    """``JOINT=LOWER:UPPER`` or ``JOINT=VALUE``, each with a unit or without."""
     joint, equals, interval = text.rpartition("=")
-    try:
-        numbers = [float(part) for part in interval.split(":")]
-    except ValueError:
-        numbers = []
-    if not joint or not equals or len(numbers) not in (1, 2):
-        raise InvalidValue("--joint-box", text, "JOINT=LOWER:UPPER or JOINT=VALUE [rad or m]")
-    return joint, (numbers[0], numbers[-1])
+    bounds = interval.split(":")
+    if not joint or not equals or len(bounds) not in (1, 2):
+        allowed = "JOINT=LOWER:UPPER or JOINT=VALUE [rad or m, or a unit such as 90deg]"
+        raise InvalidValue("--joint-box", text, allowed)
+    return joint, (bounds[0], bounds[-1])
 
 
 def _fit_option(option: Setting) -> Any:

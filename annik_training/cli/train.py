@@ -31,6 +31,7 @@ from annik_training.cli.options import (
     robot_options,
 )
 from annik_training.cli.output import print_training
+from annik_training.joint_box import findings
 
 if TYPE_CHECKING:
     from annik_training import TrainedModel
@@ -76,6 +77,8 @@ def train(
     options = chosen_fit(dataset.robot, seed, fit_choices)
     # Loaded before the progress bar appears: torch may be missing.
     train_model = annik_training.train
+    for finding in findings(dataset.robot):
+        click.echo(finding, err=True)
     with Progress(
         TextColumn("fitting {task.fields[label]}"),
         BarColumn(),

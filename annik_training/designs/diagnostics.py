@@ -26,6 +26,10 @@ class ModelRank:
     terms: int
     condition: float  #: largest singular value over the smallest nonzero one, joints on [-1, 1]
 
+    def __str__(self) -> str:
+        """One line."""
+        return f"rank {self.rank} of {self.terms}, condition number {self.condition:.1f}"
+
 
 @dataclass(frozen=True)
 class DesignDiagnostics:
@@ -40,6 +44,13 @@ class DesignDiagnostics:
     #: Radius of the largest ball inside the box without an example, relative to half the diagonal
     #: of the box; a lower bound, found among many probes.
     largest_empty_ball: float
+
+    def __str__(self) -> str:
+        """All but the blind interactions, one line each."""
+        return (
+            f"linear model: {self.linear}\nquadratic model: {self.quadratic}\n"
+            f"largest empty ball: {self.largest_empty_ball:.2f} of half the box's diagonal"
+        )
 
 
 def diagnose(joint_positions: FloatArray, box: JointLimits) -> DesignDiagnostics:

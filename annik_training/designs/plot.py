@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
-from annik_training.designs.diagnostics import DesignDiagnostics, ModelRank
+from annik_training.designs.diagnostics import DesignDiagnostics
 
 _BLUE: Final = "#0072B2"
 _VERMILLION: Final = "#D55E00"
@@ -199,7 +199,7 @@ def _add_legend(figure: Figure, diagnostics: DesignDiagnostics, left_out: Sequen
         keys.insert(1, _key(blind, is_blind=True))
     legend = figure.legend(
         handles=keys,
-        title="\n".join([*_findings(diagnostics), *left_out]),
+        title="\n".join([str(diagnostics), *left_out]),
         loc="upper right",
         bbox_to_anchor=(1.0 - _RIGHT / width, 1.0 - _ABOVE / height),
         fontsize=_TEXT,
@@ -210,17 +210,6 @@ def _add_legend(figure: Figure, diagnostics: DesignDiagnostics, left_out: Sequen
         borderaxespad=0.0,
     )
     legend.get_title().set_parse_math(False)
-
-
-def _findings(diagnostics: DesignDiagnostics) -> list[str]:
-    def rank(model: ModelRank) -> str:
-        return f"rank {model.rank} of {model.terms}, condition number {model.condition:.1f}"
-
-    return [
-        f"linear model: {rank(diagnostics.linear)}",
-        f"quadratic model: {rank(diagnostics.quadratic)}",
-        f"largest empty ball: {diagnostics.largest_empty_ball:.2f} of half the box's diagonal",
-    ]
 
 
 def _left_out(examples: int, box: JointLimits) -> list[str]:
@@ -240,11 +229,8 @@ def _key(label: str, *, is_blind: bool) -> Line2D:
 
 
 def _marker(is_blind: bool) -> dict[str, Any]:
-    return (
-        {"marker": "^", "color": _VERMILLION, "markeredgewidth": 0.0}
-        if is_blind
-        else {"marker": "o", "color": _BLUE, "markeredgewidth": 0.0}
-    )
+    marker, colour = ("^", _VERMILLION) if is_blind else ("o", _BLUE)
+    return {"marker": marker, "color": colour, "markeredgewidth": 0.0}
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,14 +16,10 @@ from annik_core.robots.robot import Robot
 from annik_core.solver.options import RefinementOptions
 from annik_core.solver.refinement import Refinement
 from annik_core.solver.singularity import reflected_across_singularity
+from annik_training.joint_box import mobility
 
 #: Most refinement steps towards the other solution.
 _STEPS = 40
-
-
-def has_branches(robot: Robot) -> bool:
-    """Whether a pose may have several solutions: so with arms; the gantry has one."""
-    return robot.kind == "arm"
 
 
 def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None:
@@ -33,7 +29,7 @@ def branch_signs(robot: Robot, joint_positions: FloatArray) -> FloatArray | None
     Jacobian has no determinant.
     """
     free = robot.joint_box.free
-    if not has_branches(robot) or len(free) != 6:
+    if robot.kind != "arm" or len(free) != 6:
         return None
     jacobians = robot.forward_kinematics.jacobians(joint_positions)[:, :, free]
     signs: FloatArray = np.where(np.linalg.det(jacobians) < 0.0, -1.0, 1.0)
@@ -49,7 +45,8 @@ def single_branch(
     """
     keep = np.ones(len(joint_positions), dtype=bool)
     signs = branch_signs(robot, joint_positions)
-    if signs is None:
+    # Of a redundant joint the determinant is zero everywhere.
+    if signs is None or mobility(robot).locks:
         return keep
     main = 1.0 if np.sum(signs) >= 0 else -1.0
     refinement = Refinement(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import onnx
 import pytest
 
 from annik_core.installation import default_model_path
@@ -120,3 +122,32 @@ def test_limits_can_be_changed_while_the_node_serves(
     client.send(_target(51))
     client.wait_for_results(_target(51), ["joint_command"])
     assert not client.stamps_of(_target(50))
+
+
+def test_a_poor_model_is_said_at_start_at_a_reload_and_in_diagnostics(
+    launch: Callable[..., Any], client: Any, model: Path
+) -> None:
+    """In one line; of a good one nothing is said."""
+    good = model.read_bytes()
+    poor = onnx.load_from_string(good)
+    for entry in poor.metadata_props:
+        if entry.key == "annik.evaluation":
+            entry.value = json.dumps({"accepted": 0.4, "redundant_joints": ["lift"]})
+    onnx.save(poor, model)
+    node = launch("ik_node", "-p", f"model:={model}")
+    (line,) = [line for line in node.log.splitlines() if f"model {model}: 40 % of" in line]
+    assert "poor: " in line
+    assert "redundant: lift" in line
+    client.wait_for_status(
+        "ik_node", lambda values: "poor: " in values["model quality"], "the quality"
+    )
+    model.write_bytes(good)
+    assert client.call("ik_node/reload_model").success
+    client.wait_for_status(
+        "ik_node",
+        lambda values: values["model quality"] == "100 % of random poses solved",
+        "the quality of the good one",
+    )
+    onnx.save(poor, model)
+    assert client.call("ik_node/reload_model").success
+    assert node.log.count(f"model {model}: 40 % of") == 2

@@ -116,6 +116,13 @@ class TestJointBox:
         text = urdf("abc", J1, joint("j2", "b", "c", kind, limit='lower="-9" upper="9"'))
         refused(text, "joint_box of j2", "full turn", joint_box={"j2": [0.0, 6.3]})
 
+    def test_that_is_the_limits_is_the_full_turn_in_their_middle(self) -> None:
+        """What annik robot shows as the limits can be given as the box."""
+        text = urdf("abc", J1, joint("j2", "b", "c", limit='lower="-9" upper="8"'))
+        boxes = [load_robot(text, joint_box=box).joint_box for box in (None, {"j2": [-9, 8]})]
+        assert boxes[1].lower.tolist() == boxes[0].lower.tolist()
+        assert boxes[1].upper.tolist() == boxes[0].upper.tolist()
+
     @pytest.mark.parametrize(
         ("box", "named"),
         [

@@ -202,7 +202,7 @@ class TestTree:
     def test_tips_are_listed_with_their_moving_joints_the_most_first(self) -> None:
         flange = joint("flange", "a", "e", "fixed")
         text = urdf("abcdef", J1, J2, joint("j3", "b", "d", "fixed"), flange)
-        refused(text, "c (2 joints), d (1 joints), e (0 joints)")
+        refused(text, "c (2 joints), d (1 joint), e (0 joints)")
 
     def test_a_branch_can_be_chosen(self) -> None:
         chain = serial_chain(self.BRANCHED, "test", end_effector_frame="d")
