@@ -18,7 +18,7 @@ from annik_core.files import write_files_atomically
 from annik_core.model.artifact import load_model
 from examples.demonstration import (
     drive,
-    make_empty,
+    emptied,
     out_option,
     processes,
     run_demonstration,
@@ -54,7 +54,11 @@ def run_demo(folder: Path, model: str | None, console: Console) -> str:
     file = folder / "model.onnx" if model is None else load_model(model).path.resolve()
     if model is not None and file.is_relative_to(folder):
         raise InvalidValue("--model", model, f"a file outside {folder}, which is emptied")
-    logs = make_empty(folder)
+    with emptied(folder) as logs:
+        return _run(folder, logs, file, model, console)
+
+
+def _run(folder: Path, logs: Path, file: Path, model: str | None, console: Console) -> str:
     bag = folder / "bag"
     training = _train(file, logs, console) if model is None else None
     diagonal = "the paper's diagonal" if model is None else f"a diagonal for {model}"

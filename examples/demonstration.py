@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,7 +18,7 @@ from typing import Any, NoReturn
 import click
 from rich.console import Console
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, InvalidValue, NotWritable
 from annik_ros.processes import ChildProcess, ended_by_signals
 from msg_tools.bags.reader import read_bag
 from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
@@ -27,6 +29,8 @@ END_TIMEOUT = 60.0
 #: Time without a further result, after which no more are expected [s].
 RESULT_TIMEOUT = 10.0
 
+#: Domains that every platform supports, besides the default one.
+_DOMAINS = 101
 #: File that marks a folder which may be emptied.
 _MARKER = ".annik_demo"
 
@@ -104,6 +108,26 @@ def wait_until(
     return True
 
 
+@contextmanager
+def reserved_domain() -> Iterator[int]:
+    """A ROS domain that no other program has from here at the same time.
+
+    Raises:
+        AnnikError: if all are taken.
+    """
+    for number in range(os.getpid(), os.getpid() + _DOMAINS):
+        domain = 1 + number % _DOMAINS
+        # A name without a file, which is free again when this process ends, however it ends.
+        with socket.socket(socket.AF_UNIX) as name:
+            try:
+                name.bind(f"\0annik_ros_domain_{domain}")
+            except OSError:
+                continue
+            yield domain
+            return
+    raise AnnikError(f"all ROS domains up to {_DOMAINS} are in use: wait until others have ended")
+
+
 class Processes:
     """Starts processes with a log folder and a ROS domain of their own."""
 
@@ -115,21 +139,22 @@ class Processes:
             **os.environ,
             # The commands must not reach a real robot on the network.
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+            "ROS_DOMAIN_ID": str(stack.enter_context(reserved_domain())),
         }
 
     def node(self, name: str, module: str, **parameters: object) -> WatchedProcess:
         """Start a node of annik with parameters."""
         arguments = [f"{key}:={value}" for key, value in parameters.items()]
         flags = [text for argument in arguments for text in ("-p", argument)]
-        return self._start(name, module, "--ros-args", *flags)
+        return self.start(name, ["-m", module, "--ros-args", *flags])
 
     def annik(self, name: str, *arguments: str) -> WatchedProcess:
         """Start the ``annik`` command line."""
-        return self._start(name, "annik_training.cli", *arguments)
+        return self.start(name, ["-m", "annik_training.cli", *arguments])
 
-    def _start(self, name: str, module: str, *arguments: str) -> WatchedProcess:
-        command = [sys.executable, "-m", module, *arguments]
+    def start(self, name: str, arguments: Sequence[str]) -> WatchedProcess:
+        """Start Python with arguments."""
+        command = [sys.executable, *arguments]
         process = WatchedProcess(command, self._logs / f"{name}.log", self._environment)
         self._stack.enter_context(process)
         return process
@@ -192,30 +217,37 @@ def drive(
         process.interrupt(END_TIMEOUT)
 
 
-def make_empty(folder: Path) -> Path:
-    """Make a folder, or empty it if an earlier run made it.
+@contextmanager
+def emptied(folder: Path) -> Iterator[Path]:
+    """Make a folder, or empty it if an earlier run made it; yields its folder for logs.
 
-    Returns:
-        Its folder for logs.
+    Other demonstrations are kept out of it until the context ends.
 
     Raises:
-        AnnikError: if no earlier run made the folder, or it can't be emptied.
+        InvalidValue: if no earlier run made the folder, or another is using it.
+        NotWritable: if it can't be emptied.
     """
-    marker = folder / _MARKER
-    try:
-        if folder.exists() and any(folder.iterdir()):
-            if not marker.is_file():
-                raise AnnikError(
-                    f"{folder} is not the folder of a demo: remove it, or give --out another"
-                )
-            shutil.rmtree(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        marker.touch()
-        logs = folder / "logs"
-        logs.mkdir()
-    except OSError as error:
-        raise AnnikError(f"{folder} can't be emptied: {error.strerror}") from error
-    return logs
+    marker, logs = folder / _MARKER, folder / "logs"
+    with ExitStack() as stack:
+        try:
+            if folder.exists() and any(folder.iterdir()) and not marker.is_file():
+                raise InvalidValue("--out", str(folder), "no folder, or the folder of a demo")
+            folder.mkdir(parents=True, exist_ok=True)
+            # Released when the process ends, however it ends.
+            fcntl.flock(stack.enter_context(marker.open("a")), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for entry in folder.iterdir():
+                if entry.is_dir() and not entry.is_symlink():
+                    shutil.rmtree(entry)
+                elif entry != marker:
+                    entry.unlink()
+            logs.mkdir()
+        except BlockingIOError as error:
+            allowed = "the folder of no other demo that is running"
+            raise InvalidValue("--out", str(folder), allowed) from error
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise NotWritable(folder, reason, "give --out another folder") from error
+        yield logs
 
 
 def out_option(folder: str) -> Callable[[Any], Any]:

@@ -28,7 +28,7 @@ from examples.demonstration import (
     END_TIMEOUT,
     START_TIMEOUT,
     drive,
-    make_empty,
+    emptied,
     out_option,
     processes,
     run_demonstration,
@@ -70,7 +70,11 @@ def run_learn(folder: Path, examples: int, console: Console) -> str:
     Raises:
         AnnikError: if a part fails; names it and shows the end of its log.
     """
-    logs = make_empty(folder)
+    with emptied(folder) as logs:
+        return _learn(folder, logs, examples, console)
+
+
+def _learn(folder: Path, logs: Path, examples: int, console: Console) -> str:
     plan, measured, model = (
         folder / name for name in ("plan.npz", "measured.npz", "learned.onnx")
     )

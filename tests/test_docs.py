@@ -335,3 +335,29 @@ def test_figures_that_pages_share_agree() -> None:
 def test_no_page_names_a_file_of_somewhere_else() -> None:
     for page in PAGES:
         assert "design.md" not in text_of(page), page
+
+
+def outputs(page: Path) -> set[str]:
+    """The files and folders that the commands of a page write into the current folder."""
+    code = "\n".join(text for _, text in prose_and_code(page)[1])
+    written = re.findall(r"--(?:out|save|plot|summary)[ =](\S+)|\b(?:output|dataset):=(\S+)", code)
+    names = {option or parameter for option, parameter in written}
+    names |= set(re.findall(r'^train\(.*"([^"]+)"\)', code, re.M))
+    # The journal beside it, until the dataset is whole.
+    names |= {str(Path(name).with_suffix(".journal.jsonl")) for name in names if ".npz" in name}
+    return {name for name in names if not name.startswith(("/", "$", "~", "<"))}
+
+
+@every_page
+def test_the_commands_leave_nothing_untracked_in_the_checkout(page: Path) -> None:
+    names = outputs(page)
+    if page.name == "README.md":
+        assert {"my_bag", "model.onnx", "measured.journal.jsonl", "ur5e.onnx"} <= names
+        names |= {"annik_bag_2026-01-31_12-00-00", "rosbag2_2026_01_31-12_00_00"}
+    if not names:
+        return
+    asked = ("git", "check-ignore", "--no-index", *names)
+    told = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
+    if told.returncode == 128:
+        pytest.skip("not a git checkout")
+    assert names <= set(told.stdout.split())

@@ -26,6 +26,7 @@ from benchmarks.node.page import node_bench_page
 from benchmarks.node.results import NodeBenchResults
 from benchmarks.node.run import run_node_bench
 from benchmarks.node.settings import QUICK, NodeBenchSettings
+from examples.demonstration import reserved_domain
 
 PAGE = "node_bench.md"
 DATA = "node_bench.json"
@@ -70,15 +71,15 @@ def node(
         return
     settings = chosen(QUICK if quick else _STANDARD, amounts)
     docs = docs_folder(docs, standard=settings == _STANDARD, quick=quick)
-    _isolate()
-    with ended_by_signals():
+    with reserved_domain() as domain, ended_by_signals():
+        _isolate(domain)
         _bench(settings, out, docs)
 
 
-def _isolate() -> None:
+def _isolate(domain: int) -> None:
     """Keep targets and commands to this machine and domain, and messages unchecked."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
     os.environ.pop("ROS_PYTHON_CHECK_FIELDS", None)
 
 

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Reader
 from support.processes import LONG_PATIENCE, ROOT, Process, run_python, wait_until
 from support.robot_recording import RobotRecording
 
-from annik_core.errors import AnnikError
+from annik_core.errors import AnnikError, InvalidValue
 
 PICTURES = ("errors.png", "path.png", "histogram.png", "latency.png")
 
@@ -136,5 +136,32 @@ def test_a_folder_with_other_files_is_not_emptied(tmp_path: Path) -> None:
     photo.write_text("dear")
     result = run_python("-m", "examples.demo", "--out", tmp_path)
     assert result.returncode == 1
-    assert "not the folder of a demo" in result.stderr
+    assert "--out" in result.stderr and "folder of a demo" in result.stderr
     assert photo.read_text() == "dear"
+
+
+def test_a_folder_that_another_demo_uses_is_found_before_training(tmp_path: Path) -> None:
+    """Nothing of the other is touched; after it the folder is free."""
+    from examples import demo
+    from examples.demonstration import emptied
+
+    folder = tmp_path / "demo"
+    for _ in range(2):
+        with emptied(folder) as logs:
+            (logs / "train.log").touch()
+            with pytest.raises(InvalidValue, match="running") as refused:
+                demo.run_demo(folder, None, Console())
+            assert (refused.value.name, refused.value.value) == ("--out", str(folder))
+            assert [path.name for path in logs.iterdir()] == ["train.log"]
+
+
+def test_two_demos_at_once_have_different_domains(tmp_path: Path) -> None:
+    """Also while others of the same process number modulo 101 are at work."""
+    from examples.demonstration import processes
+
+    show = ["-c", "import os; print(os.environ['ROS_DOMAIN_ID'])"]
+    with processes(tmp_path) as first, processes(tmp_path) as second:
+        for name, started in (("first", first), ("second", second)):
+            started.start(name, show).wait(60.0)
+    domains = [int((tmp_path / f"{name}.log").read_text()) for name in ("first", "second")]
+    assert len(set(domains)) == 2 and all(0 < domain <= 101 for domain in domains)

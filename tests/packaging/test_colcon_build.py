@@ -12,9 +12,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from support.nodes import READY_TEXTS, reserved_domain
+from support.nodes import READY_TEXTS
 from support.processes import LONG_PATIENCE, ROOT, Process, run_python
 from support.source_tree import SHARED_FOLDERS, copy_of_the_tree
+
+from examples.demonstration import reserved_domain
 
 pytestmark = [pytest.mark.colcon, pytest.mark.process, pytest.mark.ros, pytest.mark.slow]
 

@@ -7,14 +7,9 @@ killed with its whole group when it ends, passed or failed.
 from __future__ import annotations
 
 import copy
-import fcntl
-import itertools
 import json
-import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 
 import onnx
@@ -23,10 +18,9 @@ import pytest
 from annik_core.installation import default_model_path
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import robot_from_definition
+from examples.demonstration import reserved_domain
 from support.processes import Process
 
-#: Domains that every platform supports.
-DOMAINS = 102
 #: What a node logs once it is ready.
 READY_TEXTS = {
     "bag_recorder": "recording ",
@@ -68,22 +62,6 @@ class NodeProcess(Process):
     def wait_until_ready(self) -> None:
         """Wait for the line that says so."""
         self.wait_for_text(READY_TEXTS[self.node])
-
-
-@contextmanager
-def reserved_domain() -> Iterator[int]:
-    """A ROS domain that no other test of any run on this machine has at the same time."""
-    folder = Path(tempfile.gettempdir()) / "annik_test_domains"
-    folder.mkdir(exist_ok=True)
-    for number in itertools.count(os.getpid()):
-        domain = number % DOMAINS
-        with (folder / str(domain)).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield domain
-            return
 
 
 @pytest.fixture

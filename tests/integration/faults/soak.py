@@ -42,11 +42,12 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from support.client import Client
-from support.nodes import NodeProcess, reserved_domain
+from support.nodes import NodeProcess
 
 from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.target_paths import diagonal_path
+from examples.demonstration import reserved_domain
 from msg_tools.bags.reader import read_bag
 from msg_tools.conversions.pose import pose_from_array, pose_to_array
 
