@@ -4,8 +4,6 @@ Exceptions are for faults of set-up, such as a missing file. What may happen in 
 cycle, such as a target out of reach, is a value: :class:`annik_core.solver.result.IkResult`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Reading of regular files only, and of YAML of a bounded size; atomic replacement of files."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

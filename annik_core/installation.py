@@ -1,7 +1,5 @@
 """The installed version; where the packaged robots, models and configuration are."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version

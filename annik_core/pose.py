@@ -8,8 +8,6 @@ Rotations of many poses are computed by :class:`scipy.spatial.transform.Rotation
 on first use; functions of one pose use plain floats, because they are on the hot path.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

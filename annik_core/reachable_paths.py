@@ -1,7 +1,5 @@
 """Paths inside the joint box of a robot, where the numbers of a path do not suit it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import fields, replace
 

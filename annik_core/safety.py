@@ -59,10 +59,7 @@ class IkStatus(Enum):
         f"the quaternion's norm is not 1 within {QUATERNION_NORM_TOLERANCE:g}",
     )
     OUTSIDE_WORKSPACE = "outside workspace", "the robot can't reach the pose"
-    NOT_CONVERGED = (
-        "not converged",
-        "refined mode found no joint positions in the joint box",
-    )
+    NOT_CONVERGED = ("not converged", "refined mode found no joint positions in the joint box")
     JOINT_LIMIT = "joint limit", "the network's solution is outside the joint limits"
     RESIDUAL_TOO_LARGE = (
         "residual too large",

@@ -3,8 +3,6 @@
 Checks, parameters of the nodes, ``config/*.yaml`` and tables of the docs are made of them.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, fields
 from enum import Enum

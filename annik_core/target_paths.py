@@ -1,7 +1,5 @@
 """Paths of target poses ``(n, 7)``: x, y, z [m], unit quaternion x, y, z, w, in the base frame."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """The command line of a node, apart from what ROS reads of it. Needs no ROS."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """Declare the parameters of a dataclass on a node, and read their values."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """``annik doctor``: check an installation and print what is wrong, with the remedy."""
 
-from __future__ import annotations
-
 import os
 import platform
 import sys

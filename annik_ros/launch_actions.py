@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from annik_core.errors import AnnikError
 from annik_core.installation import share_directory
-from annik_ros.launch_arguments import (
-    ARGUMENTS,
-    check_names,
-    checked_arguments,
-    node_parameters,
-)
+from annik_ros.launch_arguments import ARGUMENTS, check_names, checked_arguments, node_parameters
 
 if TYPE_CHECKING:
     from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity

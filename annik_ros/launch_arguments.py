@@ -1,7 +1,5 @@
 """The arguments of the launch files, checked before anything starts. Needs no ROS."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches

@@ -3,8 +3,6 @@
 Imports next to nothing before the signals are taken, and says in one line what is not installed.
 """
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 from importlib import import_module

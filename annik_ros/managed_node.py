@@ -1,7 +1,5 @@
 """A life-cycle node that survives impossible transitions and logs errors, unlike rclpy's."""
 
-from __future__ import annotations
-
 import traceback
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ The nodes declare the table of a dataclass of parameters; ``config/*.yaml`` and 
 are generated from it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace

@@ -1,7 +1,5 @@
 """Start an ik_node, send it a target, and time the command that comes back."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

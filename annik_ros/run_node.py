@@ -1,7 +1,5 @@
 """The process of a node: command line, executor, end, exit code."""
 
-from __future__ import annotations
-
 import gc
 import inspect
 import sys

@@ -1,7 +1,5 @@
 """Limit how often something happens."""
 
-from __future__ import annotations
-
 import math
 import time
 

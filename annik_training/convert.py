@@ -3,8 +3,6 @@
 Format 1 had no named tensor where the encoding ends, and the gantry's network was not fused.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The design of experiments and the fit that suit each kind of robot."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Exceptions that several rooms of the training raise."""
 
-from __future__ import annotations
-
 from annik_core.errors import AnnikError
 
 

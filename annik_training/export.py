@@ -1,7 +1,5 @@
 """Write a trained network as a model file, after proving that the file computes the same."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a dataset to a model file: fit, evaluation and export in one call."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Table of the topics of annik, for the nodes, the recorder, the report and the documentation."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

@@ -1,7 +1,5 @@
 """Collection of measured examples: the next command, and which measurements are kept. No ROS."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

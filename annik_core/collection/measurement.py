@@ -1,7 +1,5 @@
 """Measurement of one pose: settling, averaging and outliers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Motion in joint space: trapezoidal profiles, and paths inside limits and workspace box."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import NamedTuple

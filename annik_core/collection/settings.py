@@ -1,7 +1,5 @@
 """Settings of a collection: motion, waiting times, and which measurements are accepted."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -103,9 +101,7 @@ class CollectionSettings:
         unit="m",
     )
     max_orientation_spread: float = upper_limit(
-        0.05,
-        "Largest angle of a sample from the mean, likewise.",
-        unit="rad",
+        0.05, "Largest angle of a sample from the mean, likewise.", unit="rad"
     )
     max_position_deviation: float = upper_limit(
         0.05,
@@ -114,9 +110,7 @@ class CollectionSettings:
         unit="m",
     )
     max_orientation_deviation: float = upper_limit(
-        0.2,
-        "Largest angle of the mean from the nominal forward kinematics, likewise.",
-        unit="rad",
+        0.2, "Largest angle of the mean from the nominal forward kinematics, likewise.", unit="rad"
     )
     max_repeats: int = setting(
         3,

@@ -1,7 +1,5 @@
 """A short order in which a robot visits joint positions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

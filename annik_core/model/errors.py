@@ -1,7 +1,5 @@
 """Exceptions of model files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

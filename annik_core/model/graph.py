@@ -4,8 +4,6 @@ The checks go by what is in the file, not by what it says of itself. They bound 
 before onnxruntime sees the graph, which computes constants while it loads.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

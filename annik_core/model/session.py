@@ -4,8 +4,6 @@ For one pose, the encoding in the gantry's graph takes most of the time: some fi
 single numbers. :func:`pose_features` computes the same in plain floats.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from pathlib import Path

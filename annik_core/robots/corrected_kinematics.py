@@ -1,7 +1,5 @@
 """Forward kinematics of an arm with corrections of its joints and its end effector."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

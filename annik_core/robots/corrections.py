@@ -155,11 +155,7 @@ class PoseNetwork(_ScaledPart):
     @staticmethod
     def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
         hidden = arrays["biases"].shape[-1:]
-        return {
-            "biases": hidden,
-            "input_weights": (*hidden, dof),
-            "output_weights": (6, *hidden),
-        }
+        return {"biases": hidden, "input_weights": (*hidden, dof), "output_weights": (6, *hidden)}
 
 
 @dataclass(frozen=True, eq=False)

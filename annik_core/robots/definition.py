@@ -1,7 +1,5 @@
 """Checks of the values in a robot definition."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

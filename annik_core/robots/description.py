@@ -1,7 +1,5 @@
 """A robot as a URDF to look at, and where its links are: for RViz and robot_state_publisher."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import atan2, hypot
 from xml.etree import ElementTree

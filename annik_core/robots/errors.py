@@ -1,7 +1,5 @@
 """Exceptions of robot definitions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from annik_core.errors import AnnikError

@@ -10,8 +10,6 @@ the workspace. It gives the network a pose tilted by a tenth of a micro-radian, 
 unique.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

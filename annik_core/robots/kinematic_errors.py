@@ -10,8 +10,6 @@ References:
     Decision and Control, 1983.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum

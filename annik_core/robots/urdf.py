@@ -5,8 +5,6 @@ kinematics, never refuses a robot; what is on it and is not understood always do
 and the remedy. A model file carries the chain alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -91,11 +89,7 @@ def serial_chain(
     )
 
 
-def _written(
-    name: str,
-    base: str,
-    path: Sequence[tuple[UrdfJoint, bool]],
-) -> str:
+def _written(name: str, base: str, path: Sequence[tuple[UrdfJoint, bool]]) -> str:
     """The chain as URDF text; ``repr`` keeps every bit of a number."""
     root = ElementTree.Element("robot", name=name)
     ElementTree.SubElement(root, "link", name=base)

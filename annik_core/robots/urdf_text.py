@@ -5,8 +5,6 @@ parsers pass over is passed over: prefixes without a declaration, ``--`` in a co
 ``&``, characters outside the encoding.
 """
 
-from __future__ import annotations
-
 import codecs
 import re
 from typing import Any

@@ -1,7 +1,5 @@
 """Serve a stream of targets: the part of the IK node that needs no ROS."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Measured joint positions, merged by name and time from the joint states of any publisher."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from enum import Enum

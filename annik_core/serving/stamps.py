@@ -1,7 +1,5 @@
 """Unique stamps for commands, and pairing of messages by stamp."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from typing import Generic, TypeVar
 

@@ -1,7 +1,5 @@
 """Counts of outcomes, and percentiles of solve times, latencies and expected errors."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter, deque
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A simulated robot that follows commands at once. Needs no ROS."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from annik_core.errors import AnnikError, MalformedJointState, MissingJoint, NonFiniteValue

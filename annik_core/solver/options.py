@@ -1,7 +1,5 @@
 """Options and result of a refinement."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ References:
     Levenberg-Marquardt method. IEEE Transactions on Robotics 27(5), 2011.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -49,10 +49,7 @@ class IkResult:
 
     @classmethod
     def refused(
-        cls,
-        refusal: Refusal,
-        residuals: tuple[float, float] = UNKNOWN,
-        newton_steps: int = 0,
+        cls, refusal: Refusal, residuals: tuple[float, float] = UNKNOWN, newton_steps: int = 0
     ) -> IkResult:
         """A refusal; ``residuals``: distance [m] and angle [rad] to the target, if computed."""
         return cls(refusal.status, None, *residuals, newton_steps, refusal.reason)

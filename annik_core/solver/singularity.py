@@ -6,8 +6,6 @@ or at a limit before it, and does not cross it by itself. Not every singularity 
 where two wrist axes are aligned, v only turns their joints against each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The node that records the topics of annik, or others, into a bag."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

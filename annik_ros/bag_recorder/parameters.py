@@ -1,7 +1,5 @@
 """The parameters of ``bag_recorder``. Needs no ROS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from annik_ros.parameters import parameter

@@ -1,7 +1,5 @@
 """The parameters of ``example_collector``. Needs no ROS."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

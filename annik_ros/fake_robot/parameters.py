@@ -1,7 +1,5 @@
 """The parameters of ``fake_robot``. Needs no ROS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from annik_core.errors import InvalidValue

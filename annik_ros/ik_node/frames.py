@@ -1,7 +1,5 @@
 """Targets in other frames than the base frame, by tf2 where it is installed."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

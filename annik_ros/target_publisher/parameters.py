@@ -1,7 +1,5 @@
 """The parameters of ``target_publisher``. Needs no ROS."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum

@@ -1,7 +1,5 @@
 """Kinematic calibration of an arm from measured poses: choice of the model's parts, and result."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, replace

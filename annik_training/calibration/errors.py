@@ -1,7 +1,5 @@
 """Exceptions of the calibration."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

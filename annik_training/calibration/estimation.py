@@ -1,7 +1,5 @@
 """Maximum a posteriori estimate of a model's parameters, with its posterior."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

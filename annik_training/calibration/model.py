@@ -6,8 +6,6 @@ nominal chain with geometric errors (:mod:`annik_core.robots.kinematic_errors`),
 are in natural units, in which their prior is Gaussian with unit variance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Outliers among measured poses: a reflection, a marker that slipped, a swapped row."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
@@ -24,10 +22,7 @@ _EVALUATIONS = 25
 
 
 def find_outliers(
-    robot: Robot,
-    observations: Observations,
-    noise: Noise,
-    rng: np.random.Generator,
+    robot: Robot, observations: Observations, noise: Noise, rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """Examples ``(n,)`` that don't agree with the others.
 

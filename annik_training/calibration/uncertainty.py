@@ -1,7 +1,5 @@
 """Uncertainty of a calibration: parameters, joints, and the error bound of each pose."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

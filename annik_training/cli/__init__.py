@@ -1,7 +1,5 @@
 """The ``annik`` command line: the file of a command is loaded when the command is called."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from importlib import import_module

@@ -1,7 +1,5 @@
 """``annik doctor``: check an installation."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

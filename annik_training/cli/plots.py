@@ -1,7 +1,5 @@
 """Figures of the command line: error map of a network, errors before and after calibration."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from typing import Final
 

@@ -1,7 +1,5 @@
 """``annik report``: the tracking error recorded in a bag."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

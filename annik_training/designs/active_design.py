@@ -11,8 +11,6 @@ References:
     [Seung1992] H. S. Seung, M. Opper, H. Sompolinsky: Query by committee. COLT 1992.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.distance import cdist
 

@@ -8,8 +8,6 @@ References:
     of the Royal Statistical Society, Series B, 13 (1), 1951, pages 1-45.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Joint positions on a grid, counted in half steps so that equal ones are found exactly."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

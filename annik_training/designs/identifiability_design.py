@@ -9,8 +9,6 @@ References:
     designs. Technometrics 16 (2), 1974.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from annik_core.pose import FloatArray

@@ -3,8 +3,6 @@
 The rank is computed in integers and fractions: in floating point it would depend on a tolerance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
 from math import prod

@@ -1,7 +1,5 @@
 """The designs of experiments, by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum

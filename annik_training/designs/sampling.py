@@ -1,7 +1,5 @@
 """Datasets that are computed: joint positions of a design, poses by the forward kinematics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

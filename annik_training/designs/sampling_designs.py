@@ -1,7 +1,5 @@
 """Designs that fill the joint box without structure, drawn by SciPy's quasi-Monte Carlo module."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The paper's design of experiments: 30 phases of joints swept alone and together, Table 1."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

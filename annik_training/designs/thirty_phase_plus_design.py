@@ -4,8 +4,6 @@ On the paper's examples some products of joint differences, such as (q1 - q2)(q4
 for any number of steps. A robot whose pose depends on such a product can't be learned from them.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """The paper's "known method": the joint positions that reach a regular grid of poses."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

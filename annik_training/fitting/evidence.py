@@ -26,8 +26,6 @@ References:
     ICNN 1997.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

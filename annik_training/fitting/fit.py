@@ -1,7 +1,5 @@
 """Fit of a network: random restarts, held-out examples, and the choice of the best restart."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ tanh layers are carried forward with its activations, so one evaluation with d d
 much as 1 + d evaluations without.
 """
 
-from __future__ import annotations
-
 import math
 
 import torch

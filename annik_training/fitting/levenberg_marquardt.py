@@ -15,8 +15,6 @@ References:
     [Nielsen1999] H. B. Nielsen: Damping parameter in Marquardt's method. IMM, DTU, 1999.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

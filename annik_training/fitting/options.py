@@ -1,7 +1,5 @@
 """Options of the fit of a network."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from operator import mul
 from typing import Any
@@ -26,10 +24,7 @@ class FitOptions:
         (20,), "Sizes of the hidden layers, such as 20,20.", flag="--hidden"
     )
     restarts: int = setting(
-        6,
-        "Number of fits from random initial weights.",
-        within=(1, 1000),
-        flag="--restarts",
+        6, "Number of fits from random initial weights.", within=(1, 1000), flag="--restarts"
     )
     held_out_fraction: float = setting(
         0.15,

@@ -1,7 +1,5 @@
 """What a network learns: inputs and targets as functions of the joint positions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol

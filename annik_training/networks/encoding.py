@@ -4,8 +4,6 @@ They are traced into ONNX and keep to operators that onnxruntime has in double p
 arctangent of that precision: :func:`arctangent2` corrects the single-precision one.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import Any
 

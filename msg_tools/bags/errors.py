@@ -1,7 +1,5 @@
 """Exceptions of bags."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from annik_core.errors import AnnikError

@@ -1,7 +1,5 @@
 """What a bag says of itself: message types, and ``metadata.yaml`` of format version 9."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache

@@ -5,8 +5,6 @@ flush writes the new records *and* the shortest valid end of file (50 bytes) in 
 the next flush overwrites that end.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Final

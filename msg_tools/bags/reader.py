@@ -1,7 +1,5 @@
 """Read a bag without ROS: MCAP or SQLite3, whole, cut or left by a killed recorder."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence

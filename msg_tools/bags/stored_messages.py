@@ -1,7 +1,5 @@
 """The messages of one file of a bag, MCAP or SQLite3, packed or not, up to where it is damaged."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3

@@ -4,8 +4,6 @@ This takes a few microseconds, a message made by the middleware many times as lo
 raise :class:`MalformedMessage` here; the middleware drops them silently.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Joint state messages as arrays in the robot's joint order, matched by name; and back."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Joint positions as messages for the controllers of ros2_control."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

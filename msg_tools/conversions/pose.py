@@ -1,7 +1,5 @@
 """Pose messages as arrays ``(7,)`` and back: x, y, z [m], quaternion x, y, z, w."""
 
-from __future__ import annotations
-
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (

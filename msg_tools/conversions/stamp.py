@@ -1,7 +1,5 @@
 """ROS stamps as nanoseconds and back."""
 
-from __future__ import annotations
-
 from builtin_interfaces.msg import Time
 
 from annik_core.errors import ConversionError, InvalidValue

@@ -1,7 +1,5 @@
 """Vector3 messages as arrays ``(3,)`` and back, in any unit."""
 
-from __future__ import annotations
-
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3, Vector3Stamped

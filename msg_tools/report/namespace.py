@@ -1,7 +1,5 @@
 """The namespace of the robot in a bag."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

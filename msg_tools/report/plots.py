@@ -4,8 +4,6 @@ Colours are those of Okabe and Ito, for colour-blind readers; lines and markers 
 print too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from io import BytesIO
 from typing import Any, Final

@@ -1,7 +1,5 @@
 """Refused targets, by the diagnostics of an ik_node."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final

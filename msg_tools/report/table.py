@@ -1,7 +1,5 @@
 """The report as tables in a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Tracking error of a robot, computed from a bag."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass

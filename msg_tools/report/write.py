@@ -1,7 +1,5 @@
 """Write the report of a bag: HTML, pictures and numbers."""
 
-from __future__ import annotations
-
 import csv
 import json
 from base64 import b64encode
