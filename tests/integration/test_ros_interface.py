@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from support.client import reported_keys
+from support.processes import PATIENCE
 
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import IkStatus
@@ -57,6 +58,9 @@ def test_both_nodes_report_what_is_documented(launch: Callable[..., Any], client
             node, lambda values, expected=expected: expected <= values.keys(), str(expected)
         )
         assert reported_keys(values) == set(DIAGNOSTIC_VALUES[node])
+        if node == "ik_node":
+            assert 0.0 < float(values["solve time p50 [us]"])
+            assert 0.0 < float(values["latency p50 [us]"]) < 1e6 * PATIENCE
 
 
 def test_both_nodes_have_the_topics_and_services_that_are_documented(

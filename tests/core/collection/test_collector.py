@@ -466,6 +466,20 @@ def test_too_many_failures_in_a_row_stop_the_collection(make) -> None:
     assert caught.value.reason.startswith("2 examples failed in a row, the last because 0 ")
 
 
+def test_only_failures_in_a_row_stop_the_collection() -> None:
+    queue = ExampleQueue(range(5), max_retries=0, max_failures_in_a_row=2)
+    for row in range(4):
+        assert queue.next_row() == row
+        if row % 2:
+            queue.record_failed(row, "fog")
+        else:
+            queue.record_done(row)
+    assert queue.next_row() == 4
+    with pytest.raises(CollectionStopped) as caught:
+        queue.record_failed(4, "fog")
+    assert caught.value.cause is StopCause.FAILURES
+
+
 def test_dropped_poses_are_waited_for(make) -> None:
     simulation = make()
     simulation.begin()

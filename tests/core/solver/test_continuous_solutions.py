@@ -187,3 +187,8 @@ def test_a_solution_in_a_part_of_a_turn_is_refused_outside_it(solver: IkSolver) 
     previous = joints[0] + TURN
     assert solution(solver.solve(inside, previous))[5] == pytest.approx(0.9 + TURN, abs=1e-5)
     assert solver.solve(outside, previous).status is IkStatus.NOT_CONVERGED
+    # The previous solution counts as a start in any turn: here it is the solution.
+    previous = joints[0].copy()
+    previous[TURNING] += TURN
+    result = replace(solver, seed_from_previous=True).solve(inside, previous)
+    assert (result.newton_steps, solution(result)[5]) == (0, pytest.approx(0.9 + TURN))

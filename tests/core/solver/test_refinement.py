@@ -188,6 +188,18 @@ def test_absurd_targets_leave_no_nan(distance: float) -> None:
     assert robot.joint_box.contains(result.joint_positions)
 
 
+def test_at_a_singularity_far_from_the_target_a_step_is_short() -> None:
+    """Without damping the straight elbow would be bent by thousands of turns."""
+    robot = load_robot(planar_arm())
+    start = np.array([0.0, 1e-4, 0.0])
+    target = robot.forward_kinematics.poses(start[None])[0]
+    target[0] -= 0.5
+    watched = Watched(robot.forward_kinematics)
+    options = RefinementOptions(max_newton_steps=1)
+    Refinement(watched, robot.joint_box, options).refine(start, target)
+    assert 0.0 < np.linalg.norm(watched.visited[1] - watched.visited[0]) < 0.5
+
+
 def test_no_steps_only_measures() -> None:
     """At the start, moved into the box."""
     robot = robot_named("panda")
