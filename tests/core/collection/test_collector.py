@@ -466,6 +466,22 @@ def test_too_many_failures_in_a_row_stop_the_collection(make) -> None:
     assert caught.value.reason.startswith("2 examples failed in a row, the last because 0 ")
 
 
+def test_the_joint_positions_that_are_recorded_are_the_measured_ones(make) -> None:
+    """Not those of the plan, from which a robot may stand a little away."""
+    simulation = make()
+    away = 0.5 * SETTINGS.settle_tolerance * np.array([1.0, -1.0, 0.5, 0.0, 0.2, -0.1])
+    simulation.measure_joints = lambda joints: joints + away
+    simulation.begin()
+    simulation.run()
+    examples = simulation.collector.journal.examples
+    assert len(examples) == len(simulation.collector.journal.plan)
+    for row, example in examples.items():
+        planned = simulation.collector.journal.plan.joint_positions[row]
+        # It stands as still as it is asked to.
+        expected = pytest.approx(planned + away, abs=SETTINGS.still_tolerance)
+        assert example.joint_positions == expected
+
+
 def test_only_failures_in_a_row_stop_the_collection() -> None:
     queue = ExampleQueue(range(5), max_retries=0, max_failures_in_a_row=2)
     for row in range(4):
