@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from support.continuous_arm import CONTINUOUS_URDF, OPTIONS
+from support.urdf_texts import planar_arm
 
 from annik_core.collection.motion import approach, place_violation
 from annik_core.robots.library import load_robot
@@ -54,6 +55,20 @@ def test_continuous_joints_go_the_shorter_way_also_through_the_centre() -> None:
     around = CommandSafety(workspace_box_lower=(float(positions[:, 0].min()) - 1e-3, -9, -9))
     way = approach(robot, around, start, target, SPACING)
     assert np.diff(way.waypoints[:, 0]) == pytest.approx([-3.0, -3.0])
+
+
+def test_an_arc_between_two_checked_points_is_kept_inside_too() -> None:
+    """The arm is stretched along x in between, and reaches 2 m there."""
+    robot = load_robot(planar_arm())
+    start, target = np.array([[-0.5, 0.0, 0.0], [0.7, 0.0, 0.0]])
+    # The only point in between.
+    checked = robot.forward_kinematics.poses(0.5 * (start + target)[np.newaxis])[0, 0]
+    assert checked < 1.995
+    for greatest, inside in ((1.995, False), (2.3, True)):
+        box = CommandSafety(workspace_box_upper=(greatest, math.inf, math.inf))
+        violation = approach(robot, box, start, target, 1.0).violation
+        assert (violation is None) == inside
+        assert inside or "position.x" in violation
 
 
 def test_a_target_outside_the_joint_limits_has_no_way(scara) -> None:
