@@ -24,7 +24,6 @@ from typing import Any
 import yaml
 
 from annik_core.safety import AcceptanceLimits, IkStatus
-from annik_ros.ik_node.parameters import SERVICES
 from annik_ros.parameters import Parameter
 from annik_training.designs.registry import DESIGNS
 from annik_training.designs.thirty_phase_design import phases as phases_of
@@ -32,6 +31,7 @@ from benchmarks.conditions import machine
 from benchmarks.markdown import markdown_table
 from docs.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
 from docs.parameter_tables import PARAMETER_TABLES
+from docs.services import SERVICES
 from msg_tools.topics import TOPICS
 
 DOCS = Path(__file__).parent

@@ -108,7 +108,7 @@ class IkNode(ManagedNode):
         self._fault: AnnikError | None = None
         self._callback_errors = 0
         self._warning, self._error = Throttle(WARNING_PERIOD), Throttle(WARNING_PERIOD)
-        self.create_service(Trigger, RELOAD_MODEL.name, self._on_reload)
+        self.create_service(Trigger, RELOAD_MODEL, self._on_reload)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
         self._starts_itself = self.options.autostart

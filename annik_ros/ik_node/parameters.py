@@ -1,10 +1,10 @@
-"""The parameters and the services of ``ik_node``. Needs no ROS."""
+"""The parameters of ``ik_node``. Needs no ROS."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from annik_core.safety import AcceptanceLimits, CommandSafety
 from annik_core.solver.ik_solver import IkSolver, SolverMode
@@ -13,6 +13,9 @@ from annik_ros.parameters import ExecutorChoice, parameter, parameters_of
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
+
+#: The service that loads the model file anew.
+RELOAD_MODEL = "~/reload_model"
 
 
 class OnRefusal(Enum):
@@ -112,40 +115,3 @@ class IkNodeParameters:
         return IkSolver(
             model, self.acceptance_limits, self.mode, self.refinement, self.seed_from_previous
         )
-
-
-class Service(NamedTuple):
-    """A service, private to the node."""
-
-    name: str
-    type: str
-    meaning: str
-
-
-RELOAD_MODEL = Service(
-    "~/reload_model",
-    "std_srvs/srv/Trigger",
-    "load the file of the parameter `model`, and use it from the next target on if it passes "
-    "every check and is for the same robot; otherwise keep the present model, and return why",
-)
-_TRANSITIONS = "lifecycle_msgs/srv/GetAvailableTransitions"
-SERVICES = (
-    RELOAD_MODEL,
-    Service(
-        "~/change_state",
-        "lifecycle_msgs/srv/ChangeState",
-        "configure, activate, deactivate, cleanup or shutdown; `ros2 lifecycle set`",
-    ),
-    Service("~/get_state", "lifecycle_msgs/srv/GetState", "the state; `ros2 lifecycle get`"),
-    Service(
-        "~/get_available_states",
-        "lifecycle_msgs/srv/GetAvailableStates",
-        "all states of a managed node",
-    ),
-    Service(
-        "~/get_available_transitions",
-        _TRANSITIONS,
-        "the transitions from the present state; `ros2 lifecycle list`",
-    ),
-    Service("~/get_transition_graph", _TRANSITIONS, "all transitions of a managed node"),
-)

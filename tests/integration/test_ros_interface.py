@@ -12,8 +12,8 @@ from support.processes import PATIENCE
 
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.safety import IkStatus
-from annik_ros.ik_node.parameters import SERVICES
 from docs.diagnostic_values import DIAGNOSTIC_VALUES
+from docs.services import SERVICES
 from msg_tools.conversions.stamp import stamp_from_nanoseconds
 from msg_tools.topics import TOPICS
 
