@@ -1,7 +1,5 @@
 """Load a model file, and prove that it computes what it says before a robot moves by it."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass, replace
 from functools import cached_property

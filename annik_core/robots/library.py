@@ -1,7 +1,5 @@
 """Find and load robots: packaged ones by name, others by the path of their definition."""
 
-from __future__ import annotations
-
 import errno
 import math
 from collections.abc import Mapping, Sequence

@@ -16,13 +16,7 @@ from rich.table import Table
 import annik_training
 from annik_core.files import ensure_writable_folder, write_file
 from annik_core.robots.library import load_robot
-from annik_training.cli.options import (
-    EVALUATION_POSES,
-    FILE,
-    SEED,
-    SUMMARY,
-    measured_dataset,
-)
+from annik_training.cli.options import EVALUATION_POSES, FILE, SEED, SUMMARY, measured_dataset
 from annik_training.cli.output import print_training
 from annik_training.defaults import defaults_of
 

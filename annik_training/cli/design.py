@@ -1,7 +1,5 @@
 """``annik design``: the joint positions of the examples, and what they can show."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """``annik info``, ``convert`` and ``export-urdf``: look into a model file, or write from it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Options that several commands share: robot, design of experiments, fit, files and seed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Diagnostics of a design: rank, condition, interactions it can't identify, empty regions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
 

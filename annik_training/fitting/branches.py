@@ -6,8 +6,6 @@ Jacobian's determinant. An example on the other branch is left out if the main b
 pose too, inside the box; otherwise it is the only solution, and stays.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
