@@ -25,6 +25,7 @@ from annik_core.collection.collector import (
 )
 from annik_core.collection.journal import CollectionJournal
 from annik_core.collection.measurement import Settling
+from annik_core.collection.motion import Approach
 from annik_core.collection.settings import CollectionSettings
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot
@@ -454,6 +455,22 @@ def test_an_example_that_always_fails_is_missing_with_its_reason(make) -> None:
     assert "0 of 4 measured poses came within the pose_timeout" in queue.missing[hidden]
     assert simulation.collector.repeated == 3
     assert len(simulation.collector.journal.examples) == 4
+
+
+def test_a_command_outside_the_limits_is_not_given_though_the_path_seemed_allowed(
+    make, monkeypatch
+) -> None:
+    def around(robot, safety, start, target, spacing):
+        return Approach(np.array([start, robot.joint_limits.upper + 0.5, target]), None)
+
+    monkeypatch.setattr("annik_core.collection.collector.approach", around)
+    simulation = make()
+    simulation.begin()
+    with pytest.raises(CollectionStopped) as caught:
+        simulation.run()
+    assert caught.value.cause is StopCause.OUTSIDE_LIMITS
+    commands = np.array([command for _, command in simulation.commands])
+    assert (commands <= simulation.robot.joint_limits.upper).all()
 
 
 def test_too_many_failures_in_a_row_stop_the_collection(make) -> None:
