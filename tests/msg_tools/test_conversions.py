@@ -24,6 +24,10 @@ from annik_core.errors import (
 )
 from annik_core.pose import POSE_FIELDS, checked_pose, pose_from_roll_pitch_yaw
 from msg_tools.conversions.joint_state import joint_state_from_array, joint_state_to_array
+from msg_tools.conversions.joint_trajectory import (
+    joint_trajectory_from_array,
+    position_command_from_array,
+)
 from msg_tools.conversions.pose import (
     pose_from_array,
     pose_stamped_from_array,
@@ -207,3 +211,32 @@ def test_a_time_beyond_a_stamps_range_is_refused(nanoseconds: int) -> None:
     with pytest.raises(InvalidStamp) as caught:
         stamp_from_nanoseconds(nanoseconds)
     assert caught.value.value == nanoseconds
+
+
+@pytest.mark.parametrize(
+    ("interval", "due"),
+    [
+        (0.25, [(0, 250_000_000), (0, 500_000_000), (0, 750_000_000)]),
+        (1.001, [(1, 1_000_000), (2, 2_000_000), (3, 3_000_000)]),
+        (0.009, [(0, 9_000_000), (0, 18_000_000), (0, 27_000_000)]),
+    ],
+)
+def test_the_points_of_a_trajectory_are_an_interval_apart(
+    interval: float, due: list[tuple[int, int]]
+) -> None:
+    """The first one too, from the start; to the nanosecond."""
+    rows = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]
+    message = joint_trajectory_from_array(rows, JOINTS, interval)
+    assert list(message.joint_names) == list(JOINTS)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 0)
+    assert [list(point.positions) for point in message.points] == rows
+    times = [(p.time_from_start.sec, p.time_from_start.nanosec) for p in message.points]
+    assert times == due
+    assert list(position_command_from_array(rows[0]).data) == rows[0]
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 2), (1, 3, 1)])
+def test_a_trajectory_of_another_number_of_joints_is_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(WrongShape) as caught:
+        joint_trajectory_from_array(np.zeros(shape), JOINTS, 0.1)
+    assert (caught.value.what, caught.value.shape) == ("joint positions", shape)
