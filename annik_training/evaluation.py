@@ -22,7 +22,6 @@ from annik_training.joint_box import mobility
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
 
-PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 #: Joint positions closer than this are the same solution [rad or m].
 SAME_SOLUTION = 1e-3
 
@@ -40,10 +39,8 @@ class ErrorSummary:
     @classmethod
     def of(cls, errors: FloatArray) -> ErrorSummary:
         """Summary of errors ``(n,)``."""
-        percentiles = {
-            name: float(np.percentile(errors, percent)) for name, percent in PERCENTILES.items()
-        }
-        return cls(rms=float(np.sqrt(np.mean(errors**2))), **percentiles)
+        percentiles = np.percentile(errors, [50, 95, 99, 100]).tolist()
+        return cls(float(np.sqrt(np.mean(errors**2))), *percentiles)
 
 
 @dataclass(frozen=True)
@@ -87,16 +84,11 @@ class Evaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for a model's metadata; the units are in the names."""
-        data = {
-            "examples": self.examples,
-            "seed": self.seed,
-            "position_error_m": vars(self.position_error),
-            "orientation_error_rad": vars(self.orientation_error),
-            "outside_joint_limits": self.outside_joint_limits,
-            "accepted": self.accepted,
-            "redundant_joints": self.redundant_joints,
-        }
-        return data if self.refined is None else {**data, "refined": self.refined.to_dict()}
+        data = dict(vars(self))
+        data["position_error_m"] = vars(data.pop("position_error"))
+        data["orientation_error_rad"] = vars(data.pop("orientation_error"))
+        refined = data.pop("refined")
+        return data if refined is None else {**data, "refined": refined.to_dict()}
 
 
 @dataclass(frozen=True, eq=False)

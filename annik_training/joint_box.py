@@ -13,8 +13,6 @@ from annik_core.robots.robot import FULL_TURN, Robot
 _SAMPLES = 500
 #: Straight lines of joint positions, and positions on each, that singularities are sought on.
 _LINES, _STEPS = 200, 24
-#: A smaller part of the lines that cross a singularity may be rounding at the edge of the box.
-_RARE = 0.02
 #: A singular value below this part of the greatest is zero, but for the digits of a URDF.
 _ZERO = 1e-4
 #: From this width on, both ends of a joint's interval are nearly the same position [rad].
@@ -42,12 +40,12 @@ def mobility(robot: Robot) -> Mobility:
     ranks = (values > _ZERO * values[:, :1]).sum(axis=1)
     dimensions = int(ranks.max())
     at_rest = np.abs(directions[ranks == dimensions, dimensions:]).max(axis=(0, 1), initial=0.0)
-    kept = list(range(len(free)))
+    kept, least = list(range(len(free))), dimensions - 1
     while len(kept) > dimensions:
         # Without it, the others move the end effector best.
         kept = max(
             ([other for other in kept if other != joint] for joint in kept),
-            key=lambda columns: _least(jacobians[:, :, columns], dimensions).mean(),
+            key=lambda rest: np.linalg.svd(jacobians[:, :, rest])[1][:, least].mean(),
         )
     return Mobility(
         dimensions,
@@ -95,7 +93,7 @@ def _branches(robot: Robot, box: JointLimits) -> str:
     # Six dimensions are the same everywhere: no need to follow them.
     count, steps = (10 * _SAMPLES, 2) if len(box.free) == 6 else (_SAMPLES, _STEPS)
     ends = _sample(box, count)
-    start = ends[np.argmax(_least(_scaled_jacobians(robot, ends, box), len(box.free)))]
+    start = ends[np.argmax(np.linalg.svd(_scaled_jacobians(robot, ends, box))[1][:, -1])]
     lines = start + (ends - start)[:, np.newaxis] * np.linspace(0.0, 1.0, steps)[:, np.newaxis]
     determinants = _determinants(robot, lines, box)
     beyond = np.mean(determinants[:, -1] * determinants[:, 0] < 0.0)
@@ -106,8 +104,8 @@ def _branches(robot: Robot, box: JointLimits) -> str:
         determinants = _determinants(robot, lines, box)
         rows, before = np.nonzero(determinants[:, 1:] * determinants[:, :-1] < 0.0)
         share = len(set(rows.tolist())) / _LINES
-        if share >= _RARE:
-            # Linear between the two positions.
+        # Less may be rounding at the edge of the box.
+        if share >= 0.02:
             first, second = determinants[rows, before], determinants[rows, before + 1]
             step = lines[0, 1, joint] - lines[0, 0, joint]
             crossed = lines[rows, before, joint] + step * first / (first - second)
@@ -156,11 +154,6 @@ def _scaled_jacobians(robot: Robot, joint_positions: FloatArray, box: JointLimit
     if linear > 0.0 < angular:
         jacobians[:, :3] *= angular / linear
     return jacobians
-
-
-def _least(jacobians: FloatArray, rank: int) -> FloatArray:
-    """The least of so many singular values ``(n,)``."""
-    return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, rank - 1], np.float64)
 
 
 def _sample(box: JointLimits, count: int) -> FloatArray:

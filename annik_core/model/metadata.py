@@ -219,11 +219,11 @@ def quality_of(evaluation: Mapping[str, Any]) -> Quality:
 def _accepted(evaluation: Mapping[str, Any]) -> float:
     """Of a network alone, what a node accepts by default; an older file says so of all or none."""
     limits = AcceptanceLimits()
-    bounds = {
-        "position_error_m": limits.max_position_residual,
-        "orientation_error_rad": limits.max_orientation_residual,
-    }
-    if all(_number(evaluation.get(key), "max") <= bound for key, bound in bounds.items()):
+    position, orientation = (
+        _number(evaluation.get(key), "max")
+        for key in ("position_error_m", "orientation_error_rad")
+    )
+    if position <= limits.max_position_residual and orientation <= limits.max_orientation_residual:
         return 1.0
     return _number(evaluation, "accepted")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,10 +27,6 @@ class MeasuredErrors:
 
     distances: FloatArray  #: ``(n,)`` [m]
     angles: FloatArray  #: ``(n,)`` [rad]
-
-    def rows(self, keep: Any) -> MeasuredErrors:
-        """The rows where ``keep`` ``(n,)`` is true."""
-        return MeasuredErrors(self.distances[keep], self.angles[keep])
 
 
 class Region(NamedTuple):
@@ -107,7 +103,7 @@ def _regions(dataset: Dataset, before: MeasuredErrors, after: MeasuredErrors) ->
         for region in range(REGIONS):
             inside = part == region
             means = [
-                float(errors.rows(inside).distances.mean()) if inside.any() else float("nan")
+                float(errors.distances[inside].mean()) if inside.any() else float("nan")
                 for errors in (before, after)
             ]
             yield Region(

@@ -28,8 +28,6 @@ from annik_training.cli.options import (
 from annik_training.cli.output import print_evaluation
 from annik_training.evaluation import evaluation_dataset, network_errors
 
-_PERCENTILES = (("mean", None), ("p50", 50), ("p95", 95), ("max", 100))
-
 
 @click.command()
 @click.argument("model", type=PATH)
@@ -55,21 +53,23 @@ def evaluate(
 
     MODEL is a model file or the name of a packaged model.
     """
-    if measured is not None:
-        _evaluate_measured(model, measured, plot, summary)
-        return
-    if summary is not None:
+    if summary is not None and measured is None:
         raise AnnikError("--summary needs --measured")
     loaded = load_model(model)
-    errors = network_errors(
-        loaded.joint_positions, evaluation_dataset(loaded.robot, evaluation_poses, seed)
-    )
     title = f"{loaded.path}: {loaded.robot.name}"
-    print_evaluation(errors.summary(), title)
+    if measured is None:
+        unseen = evaluation_dataset(loaded.robot, evaluation_poses, seed)
+        errors = network_errors(loaded.joint_positions, unseen)
+        print_evaluation(errors.summary(), title)
+    else:
+        evaluation = evaluate_measured(loaded.robot, measured_dataset(measured))
+        print_measured(evaluation, title)
+        if summary is not None:
+            write_file(summary, json.dumps(evaluation_summary(evaluation), indent=2) + "\n")
     if plot is not None:
-        from annik_training.cli.plots import error_map
+        from annik_training.cli.plots import before_and_after, error_map
 
-        write_file(plot, error_map(errors))
+        write_file(plot, error_map(errors) if measured is None else before_and_after(evaluation))
         click.echo(f"wrote {plot}")
 
 
@@ -100,26 +100,9 @@ def evaluation_summary(evaluation: MeasuredEvaluation) -> dict[str, Any]:
     }
 
 
-def _evaluate_measured(
-    model: Path, measured: Path, plot: Path | None, summary: Path | None
-) -> None:
-    loaded = load_model(model)
-    evaluation = evaluate_measured(loaded.robot, measured_dataset(measured))
-    print_measured(evaluation, f"{loaded.path}: {loaded.robot.name}")
-    if summary is not None:
-        write_file(summary, json.dumps(evaluation_summary(evaluation), indent=2) + "\n")
-    if plot is not None:
-        from annik_training.cli.plots import before_and_after
-
-        write_file(plot, before_and_after(evaluation))
-        click.echo(f"wrote {plot}")
-
-
 def print_measured(evaluation: MeasuredEvaluation, title: str) -> None:
     """Print the errors before and after, in percentiles and by joint."""
-    console = Console()
-    columns = [name for name, _ in _PERCENTILES]
-    table = Table("error", *columns, title=escape(title))
+    table = Table("error", "mean", "p50", "p95", "max", title=escape(title))
     for model, errors in (("nominal", evaluation.before), ("calibrated", evaluation.after)):
         table.add_row(escape(f"{model}, position [mm]"), *_percentiles(1e3 * errors.distances))
         if evaluation.has_orientation:
@@ -136,7 +119,7 @@ def print_measured(evaluation: MeasuredEvaluation, title: str) -> None:
             else "; orientations were not calibrated"
         )
     )
-    console.print(table)
+    Console().print(table)
     regions = Table("joint", "region", "poses", escape("nominal [mm]"), escape("calibrated [mm]"))
     for region in evaluation.regions:
         regions.add_row(
@@ -146,11 +129,8 @@ def print_measured(evaluation: MeasuredEvaluation, title: str) -> None:
             f"{1e3 * region.before:.4g}",
             f"{1e3 * region.after:.4g}",
         )
-    console.print(regions)
+    Console().print(regions)
 
 
 def _percentiles(errors: FloatArray) -> list[str]:
-    return [
-        f"{errors.mean() if percent is None else np.percentile(errors, percent):.4g}"
-        for _, percent in _PERCENTILES
-    ]
+    return [f"{error:.4g}" for error in (errors.mean(), *np.percentile(errors, [50, 95, 100]))]

@@ -26,16 +26,12 @@ def robot(save: Path | None, **choices: Any) -> None:
     shown = chosen_robot(choices)
     title = escape(f"{shown.name}: LOWER:UPPER in rad and m")
     table = Table("joint", "type", "limits", "joint box", title=title)
-    for name, kind, *bounds in zip(
-        shown.joint_names,
-        shown.joint_types,
-        *(
-            map(_interval, box.lower.tolist(), box.upper.tolist())
-            for box in (shown.joint_limits, shown.joint_box)
-        ),
-        strict=True,
-    ):
-        table.add_row(escape(name), kind, *bounds)
+    limits, box = (
+        map(_interval, bounds.lower.tolist(), bounds.upper.tolist())
+        for bounds in (shown.joint_limits, shown.joint_box)
+    )
+    for name, *row in zip(shown.joint_names, shown.joint_types, limits, box, strict=True):
+        table.add_row(escape(name), *row)
     # Numbers that are cut or wrapped can't be copied.
     Console(width=10_000).print(table)
     click.echo(f"frames: {shown.base_frame} to {shown.end_effector_frame}")

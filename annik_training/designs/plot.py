@@ -73,7 +73,9 @@ def pair_figure(
         histograms.append(_add_panel(figure, panel, last, row, row))
         _draw_histogram(histograms[-1], up)
         _label_across(histograms[-1], up, panel, is_named=row == last)
-    _share_counts(histograms)
+    highest = max(axes.get_ylim()[1] for axes in histograms)
+    for axes in histograms:
+        axes.set_ylim(0.0, highest)
     _add_title(figure, title)
     _add_legend(figure, diagnostics, _left_out(len(joint_positions), box))
     return figure
@@ -131,13 +133,6 @@ def _draw_histogram(axes: Axes, joint: _JointAxis) -> None:
     # On the right: the left side shows joint positions.
     axes.yaxis.tick_right()
     axes.yaxis.set_major_locator(MaxNLocator(2, integer=True, min_n_ticks=2))
-
-
-def _share_counts(histograms: Sequence[Axes]) -> None:
-    """Give all histograms the same scale."""
-    highest = max(axes.get_ylim()[1] for axes in histograms)
-    for axes in histograms:
-        axes.set_ylim(0.0, highest)
 
 
 def _label_across(axes: Axes, joint: _JointAxis, panel: float, *, is_named: bool) -> None:

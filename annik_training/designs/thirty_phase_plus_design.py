@@ -9,7 +9,7 @@ from itertools import combinations
 
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
-from annik_training.designs.quadratic_model import ExactMatrix, term_values, vanishing_combinations
+from annik_training.designs.quadratic_model import term_values, vanishing_combinations
 from annik_training.designs.thirty_phase_design import (
     Phase,
     distinct_positions,
@@ -39,7 +39,8 @@ def interaction_phases(dof: int) -> tuple[Phase, ...]:
         shown = vanishing * term_values(_rows([candidate], dof)).transpose()
         if not shown.is_zero_matrix:
             added.append(candidate)
-            vanishing = _combinations_to_zero(shown) * vanishing
+            # The sums of multiples of its rows that are zero.
+            vanishing = shown.transpose().nullspace() * vanishing
     return tuple(added)
 
 
@@ -54,8 +55,3 @@ def thirty_phase_plus_design(box: JointLimits, steps: int) -> FloatArray:
 
 def _rows(table: list[Phase], dof: int) -> list[list[int]]:
     return [row for phase in table for row in half_steps(phase, dof, _STEPS_TO_SEE).tolist()]
-
-
-def _combinations_to_zero(rows: ExactMatrix) -> ExactMatrix:
-    """Coefficients by which sums of multiples of the rows are zero."""
-    return rows.transpose().nullspace()
