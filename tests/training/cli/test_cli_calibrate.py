@@ -258,7 +258,7 @@ class TestEvaluate:
         (("evaluate", "MODEL", "--measured", "MEASURED"), "calibrated with these 40 poses"),
         (("evaluate", "ur5e", "--measured", "MEASURED"), "for ur5e as described"),
         (("evaluate", "gantry", "--measured", "MEASURED"), "for gantry as described"),
-        (("evaluate", "MODEL", "--measured", "XARM"), "belongs to robot xarm6, not to ur5e"),
+        (("evaluate", "MODEL", "--measured", "XARM"), "belongs to robot xarm6 (joint1, "),
         (("evaluate", "MODEL", "--measured", "none.npz"), "no such file"),
         (("evaluate", "MODEL", "--summary", "s.json"), "--summary needs --measured"),
     ],
