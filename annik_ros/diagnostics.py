@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -12,6 +13,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from annik_core.errors import listed
 from annik_core.serving.stamps import LAST_STAMP
 from annik_core.serving.statistics import LEAST_RATE, MANY, OutcomeSummary, SolveSummary
 from msg_tools.conversions.stamp import stamp_from_nanoseconds
@@ -45,12 +47,16 @@ def outcome_report(
     hardware_id: str,
     values: Mapping[str, str],
     expected_rate: float = 0.0,
+    trouble: str = "",
 ) -> DiagnosticReport:
     """The report of a node that accepts or refuses messages; for its level see ``LEVELS``.
 
     ``what`` names one message, such as ``target``; ``expected_rate`` [Hz] is 0 if unknown.
+    ``trouble`` is a warning where there is no other.
     """
     level, message = _verdict(what, outcomes, expected_rate)
+    if trouble and level is Level.OK:
+        level, message = Level.WARN, trouble
     counts = {
         f"{what}s received": str(outcomes.received),
         f"{what}s accepted": str(outcomes.accepted),
@@ -86,20 +92,24 @@ def _verdict(what: str, outcomes: OutcomeSummary, expected_rate: float) -> tuple
 
 
 def time_values(summary: SolveSummary) -> dict[str, str]:
-    """The times of a summary as diagnostic values; ``nan`` before the first target."""
+    """The times of a summary as diagnostic values; empty before the first target."""
     return {
-        f"{name} {key} [us]": f"{1e6 * value:.1f}"
+        f"{name} {key} [us]": _known(1e6 * value, 1)
         for name, times in (("solve time", summary.solve_time), ("latency", summary.latency))
         for key, value in times._asdict().items()
     }
 
 
 def expected_error_values(summary: SolveSummary) -> dict[str, str]:
-    """The expected errors of a summary as diagnostic values; ``nan`` if unknown."""
+    """The expected errors of a summary as diagnostic values; empty if unknown."""
     return {
-        f"expected error {key} [mm]": f"{1e3 * value:.4f}"
+        f"expected error {key} [mm]": _known(1e3 * value, 4)
         for key, value in summary.expected_error._asdict().items()
     }
+
+
+def _known(value: float, digits: int) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def diagnostic_array(report: DiagnosticReport, name: str, stamp: Time) -> DiagnosticArray:
@@ -112,6 +122,34 @@ def diagnostic_array(report: DiagnosticReport, name: str, stamp: Time) -> Diagno
         values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
     )
     return DiagnosticArray(header=Header(stamp=stamp), status=[status])
+
+
+class OtherCommanders:
+    """Warns of other nodes that publish a topic of commands, whenever there are more of them."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        """Look for others on the resolved name of a topic."""
+        self._node = node
+        self._topic = topic
+        self._known = 0
+
+    def trouble(self) -> str:
+        """Who they are, in words; empty if this node is the only one."""
+        names = [
+            f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+            for publisher in self._node.get_publishers_info_by_topic(self._topic)
+        ]
+        own = self._node.get_fully_qualified_name()
+        # Once: another node may have the same name.
+        if own in names:
+            names.remove(own)
+        trouble = f"others publish {self._topic} too: {listed(names)}" if names else ""
+        if len(names) > self._known:
+            self._node.get_logger().warning(
+                f"{trouble}; end them, or the robot gets two commands at a time"
+            )
+        self._known = len(names)
+        return trouble
 
 
 class DiagnosticsPublisher:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from annik_core.safety import Measurement
@@ -14,13 +13,12 @@ from annik_core.serving.measured_joints import (
     MeasuredJoints,
     MeasuredPositions,
 )
+from annik_ros.qos import best_effort
 from msg_tools.conversions.cdr import MalformedMessage, joint_positions_from_bytes
 from msg_tools.topics import JOINT_STATES
 
-#: As sensor data, but deep enough for a burst of many publishers.
-_JOINT_STATES_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT
-)
+#: Deep enough for a burst of many publishers.
+_JOINT_STATES_QOS = best_effort(100)
 
 
 class MeasuredJointPositions:

@@ -13,3 +13,10 @@ def reliable(depth: int) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE
     )
+
+
+def best_effort(depth: int) -> QoSProfile:
+    """Delivery from any publisher, without repetition, that keeps the last ``depth`` messages."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT
+    )

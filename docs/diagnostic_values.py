@@ -91,8 +91,8 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
 
 #: The conditions of the levels above OK.
 LEVELS = {
-    "WARN": f"something was refused in the last second, or fewer than {LEAST_RATE:.0%} of "
-    "expected_rate came",
+    "WARN": f"something was refused in the last second, fewer than {LEAST_RATE:.0%} of "
+    "expected_rate came, or other nodes publish joint_command too",
     "ERROR": f"{MANY} or more were refused in the last second and none accepted, or expected_rate "
     "is set and nothing came",
 }

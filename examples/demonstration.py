@@ -196,8 +196,8 @@ def drive(
     recorder = started.node(f"{name}bag_recorder", "annik_ros.bag_recorder.node", output=bag)
     # A queue for all targets: the default keeps only the newest.
     ik_node = started.node(f"{name}ik_node", "annik_ros.ik_node.node", queue_depth=1000, **solver)
-    fake_robot.wait_for_text("joint_command -> joint_states", START_TIMEOUT)
-    ik_node.wait_for_text("target_pose -> joint_command", START_TIMEOUT)
+    fake_robot.wait_for_text("fake robot ", START_TIMEOUT)
+    ik_node.wait_for_text("serving ", START_TIMEOUT)
     recorder.wait_for_text("recording ", START_TIMEOUT)
     publisher = started.node(
         f"{name}target_publisher",

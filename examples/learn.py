@@ -91,7 +91,7 @@ def _learn(folder: Path, logs: Path, examples: int, console: Console) -> str:
             measurement_rate=_MEASUREMENT_RATE,
             **robot,
         )
-        fake_robot.wait_for_text("joint_command -> joint_states", START_TIMEOUT)
+        fake_robot.wait_for_text("fake robot ", START_TIMEOUT)
         started.node(
             "example_collector",
             "annik_ros.example_collector.node",

@@ -28,7 +28,12 @@ from annik_core.serving.measured_joints import MeasuredPositions
 from annik_core.serving.stamps import LAST_STAMP
 from annik_core.serving.statistics import OutcomeCounts
 from annik_ros.declare_parameters import declare_parameters
-from annik_ros.diagnostics import DiagnosticReport, DiagnosticsPublisher, outcome_report
+from annik_ros.diagnostics import (
+    DiagnosticReport,
+    DiagnosticsPublisher,
+    OtherCommanders,
+    outcome_report,
+)
 from annik_ros.example_collector.parameters import ExampleCollectorParameters
 from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
@@ -37,7 +42,7 @@ from annik_ros.throttle import Throttle
 from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.pose import pose_to_array
 from msg_tools.conversions.stamp import stamp_from_nanoseconds, stamp_to_nanoseconds
-from msg_tools.topics import JOINT_COMMAND, JOINT_STATES, MEASURED_POSE
+from msg_tools.topics import JOINT_COMMAND, MEASURED_POSE
 
 NODE_NAME: Final = "example_collector"
 
@@ -89,12 +94,13 @@ class ExampleCollector(Node):
         self._measured = MeasuredJointPositions(
             self, plan.robot.joint_names, self._settings.measurement_timeout
         )
-        self.create_subscription(
+        measured_pose = self.create_subscription(
             PoseStamped, MEASURED_POSE.name, self._on_pose, qos_profile_sensor_data
         )
         self._publisher = self.create_publisher(
             JointState, JOINT_COMMAND.name, reliable(COMMAND_DEPTH)
         )
+        self._others = OtherCommanders(self, self._publisher.topic_name)
         # Last, so that an earlier error leaves no file.
         self._journal: CollectionJournal = open_journal(
             self._dataset_path, plan, self._settings.samples
@@ -105,7 +111,8 @@ class ExampleCollector(Node):
         self._timer = self.create_timer(POLL_PERIOD, self._wait_for_robot, clock=self._steady)
         self.get_logger().info(
             f"{len(self._journal.examples)} of {len(plan)} examples of robot {plan.robot.name} "
-            f"are measured: {JOINT_STATES.name}, {MEASURED_POSE.name} -> {JOINT_COMMAND.name}"
+            f"are measured: {self._measured.topic_name}, {measured_pose.topic_name} -> "
+            f"{self._publisher.topic_name}"
         )
 
     def write_dataset(self) -> str:
@@ -148,13 +155,7 @@ class ExampleCollector(Node):
             self._ready_since = now
         if measured is None or now - self._ready_since < MEETING_TIME:
             return
-        # count_publishers does not remap names.
-        topic = self._publisher.topic_name
-        if self.count_publishers(topic) > 1:
-            self.get_logger().warning(
-                f"others publish {topic} too, or did a moment ago: end them, such "
-                "as an ik_node, or the robot gets two commands at a time"
-            )
+        self._others.trouble()
         self._begin(measured)
 
     def _missing(self, no_joint_states: bool) -> tuple[str, ...]:
@@ -249,7 +250,9 @@ class ExampleCollector(Node):
             "time left [s]": "" if left is None else f"{left:.0f}",
             **self._measured.diagnostic_values(),
         }
-        return outcome_report("pose", self._counts.end_period(now), self._robot.name, values)
+        outcomes = self._counts.end_period(now)
+        trouble = self._others.trouble()
+        return outcome_report("pose", outcomes, self._robot.name, values, trouble=trouble)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -91,12 +91,14 @@ class FakeRobotNode(Node):
             self.create_publisher(Vector3Stamped, topic.name, results)
             for topic in (POSITION_ERROR, ORIENTATION_ERROR)
         ]
-        self.create_subscription(JointState, JOINT_COMMAND.name, self._on_command, results)
+        commands = self.create_subscription(
+            JointState, JOINT_COMMAND.name, self._on_command, results
+        )
         self.create_subscription(PoseStamped, ACCEPTED_TARGET.name, self._on_target, results)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
         self.get_logger().info(
             f"{'fake' if imperfections is None else 'imperfect fake'} robot {robot.name}: "
-            f"{JOINT_COMMAND.name} -> {JOINT_STATES.name}"
+            f"{commands.topic_name} -> {self._state_publisher.topic_name}"
         )
 
     def _on_command(self, message: JointState) -> None:

@@ -5,14 +5,19 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from traceback import format_exception
-from typing import TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
@@ -27,6 +32,7 @@ from annik_ros.diagnostics import (
     DiagnosticReport,
     DiagnosticsPublisher,
     Level,
+    OtherCommanders,
     expected_error_values,
     outcome_report,
     time_values,
@@ -36,7 +42,7 @@ from annik_ros.ik_node.parameters import RELOAD_MODEL, IkNodeParameters, OnRefus
 from annik_ros.ik_node.publishers import CommandPublishers
 from annik_ros.managed_node import ManagedNode, logged
 from annik_ros.measured_joint_positions import MeasuredJointPositions
-from annik_ros.qos import reliable
+from annik_ros.qos import RESULT_DEPTH, best_effort, reliable
 from annik_ros.run_node import make_executor, run_node
 from annik_ros.throttle import Throttle
 from msg_tools.conversions.cdr import (
@@ -45,12 +51,17 @@ from msg_tools.conversions.cdr import (
     pose_numbers_from_bytes,
     pose_stamped_from_bytes,
 )
-from msg_tools.topics import JOINT_COMMAND, TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES
+from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES, Topic
+
+if TYPE_CHECKING:
+    from annik_core.model.artifact import Model
 
 NODE_NAME = "ik_node"
 
 Content = TypeVar("Content")
 
+#: Time from one look whether a model is loaded to the next [s].
+RELOAD_POLL = 0.02
 #: Least time between two warnings of refused targets [s].
 WARNING_PERIOD = 1.0
 
@@ -69,15 +80,46 @@ class Serving:
         )
         self.server = IkServer(solver, options.command_safety, self.measured)
         self.publishers = CommandPublishers(node, robot, options)
-        targets = reliable(options.queue_depth)
-        self._subscriptions: list[Subscription] = [
-            node.create_subscription(message_type, topic.name, callback, targets, raw=True)
-            for message_type, topic, callback in (
-                (Pose, TARGET_POSE, node.on_target),
-                (PoseStamped, TARGET_POSE_STAMPED, node.on_stamped_target),
-                (PoseArray, TARGET_POSES, node.on_path),
+        self.others = OtherCommanders(node, self.publishers.topic_name)
+        self._depth = options.queue_depth
+        self._targets: dict[Topic, tuple[type, Callable[[bytes], None]]] = {
+            TARGET_POSE: (Pose, node.on_target),
+            TARGET_POSE_STAMPED: (PoseStamped, node.on_stamped_target),
+            TARGET_POSES: (PoseArray, node.on_path),
+        }
+        #: Topics with a publisher that does not repeat what was lost.
+        self._unreliable: set[Topic] = set()
+        self._subscriptions: dict[Topic, Subscription] = {}
+        for topic in self._targets:
+            events = SubscriptionEventCallbacks(
+                incompatible_qos=lambda _, topic=topic: self._unreliable.add(topic)
             )
-        ]
+            self._subscribe(topic, reliable(self._depth), events)
+
+    def _subscribe(
+        self, topic: Topic, qos: QoSProfile, events: SubscriptionEventCallbacks | None = None
+    ) -> None:
+        message_type, callback = self._targets[topic]
+        self._subscriptions[topic] = self._node.create_subscription(
+            message_type, topic.name, callback, qos, raw=True, event_callbacks=events
+        )
+
+    def meet_publishers(self) -> None:
+        """Receive without repetition too where a publisher offers nothing else."""
+        while self._unreliable:
+            topic = self._unreliable.pop()
+            earlier = self._subscriptions[topic]
+            self._node.get_logger().warning(
+                f"{earlier.topic_name} has a publisher with best-effort delivery: from now on, "
+                "lost targets are not repeated; publish them reliably if each one counts"
+            )
+            self._node.destroy_subscription(earlier)
+            self._subscribe(topic, best_effort(self._depth))
+
+    @property
+    def topics(self) -> str:
+        """The resolved names of the targets' and the commands' topics."""
+        return f"{self._subscriptions[TARGET_POSE].topic_name} -> {self.publishers.topic_name}"
 
     def apply(self, options: IkNodeParameters) -> None:
         """Apply parameters that may change between two targets."""
@@ -88,10 +130,19 @@ class Serving:
 
     def destroy(self) -> None:
         """Destroy subscriptions and publishers."""
-        for subscription in self._subscriptions:
+        for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self.measured.destroy()
         self.publishers.destroy()
+
+
+class Reload(NamedTuple):
+    """A reload that is under way, and its response with the address that it goes to."""
+
+    job: Future[Model]
+    serving: Serving
+    response: Trigger.Response
+    header: object = None
 
 
 class IkNode(ManagedNode):
@@ -108,7 +159,20 @@ class IkNode(ManagedNode):
         self._fault: AnnikError | None = None
         self._callback_errors = 0
         self._warning, self._error = Throttle(WARNING_PERIOD), Throttle(WARNING_PERIOD)
-        self.create_service(Trigger, RELOAD_MODEL, self._on_reload)
+        self._reload: Reload | None = None
+        self._loader = ThreadPoolExecutor(1)
+        self._reload_timer = self.create_timer(
+            RELOAD_POLL,
+            self._finish_reload,
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+            autostart=False,
+        )
+        # As deep as results, or most of many calls at once would never have a response.
+        service = self.create_service(
+            Trigger, RELOAD_MODEL, self._on_reload, qos_profile=reliable(RESULT_DEPTH)
+        )
+        # Executors send the response when the callback returns; those of Jazzy know no other way.
+        self._send_response, service.send_response = service.send_response, self._respond
         self.add_post_set_parameters_callback(self._on_parameters)
         self._diagnostics = DiagnosticsPublisher(self, self._report)
         self._starts_itself = self.options.autostart
@@ -144,8 +208,7 @@ class IkNode(ManagedNode):
         self._active = True
         solver = self._serving.server.solver
         self._announce(
-            f"serving {solver.artifact.path} for robot {solver.robot.name}: "
-            f"{TARGET_POSE.name} -> {JOINT_COMMAND.name}",
+            f"serving {solver.artifact.path} for robot {solver.robot.name}: {self._serving.topics}",
             self._serving.server,
         )
         return super().on_activate(state)
@@ -167,6 +230,7 @@ class IkNode(ManagedNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release the model for good."""
         self._stop_serving()
+        self.get_logger().info("finalized")
         return super().on_shutdown(state)
 
     @logged
@@ -275,23 +339,48 @@ class IkNode(ManagedNode):
             self.get_logger().warning(f"target refused, {refusal.status.value}: {refusal.reason}")
 
     def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Begin a reload, whose response comes later; other calls meanwhile are refused."""
+        from annik_core.model.artifact import load_model
+
         if self._serving is None:
-            response.success = False
             response.message = f"no model is served when the node is {self.state_label}"
-            return response
-        server = self._serving.server
+        elif self._reload is not None:
+            response.message = "busy: a reload is under way; call again when it has its response"
+        else:
+            # Meanwhile targets are solved with the present model.
+            path, robot = _model_path(self.options), self._serving.server.solver.robot
+            job = self._loader.submit(load_model, path, expected_robot=robot)
+            self._reload = Reload(job, self._serving, response)
+            self._reload_timer.reset()
+        return response
+
+    def _respond(self, response: Trigger.Response, header: object) -> None:
+        """Send a response now, or keep the address of the one that comes later."""
+        if self._reload is not None and response is self._reload.response:
+            self._reload = self._reload._replace(header=header)
+        else:
+            self._send_response(response, header)
+
+    def _finish_reload(self) -> None:
+        """Use a model that is loaded, between two targets, and send the response."""
+        if self._reload is None or not self._reload.job.done():
+            return
+        self._reload_timer.cancel()
+        (job, serving, response, header), self._reload = self._reload, None
         try:
-            server.load_model(_model_path(self.options))
+            model = job.result()
         except AnnikError as error:
-            response.success = False
-            response.message = f"still serving {server.solver.artifact.path}: {error}"
+            response.message = f"still serving {serving.server.solver.artifact.path}: {error}"
             self.get_logger().error(f"reload refused: {response.message}")
         else:
-            response.success = True
-            artifact = server.solver.artifact
-            response.message = f"now serving {artifact.path}, {_kinematics(artifact.robot)}"
-            self._announce(response.message, server)
-        return response
+            # Parameters may have changed the solver since.
+            serving.server.solver = replace(serving.server.solver, artifact=model)
+            response.success = self._serving is serving
+            response.message = f"now serving {model.path}, {_kinematics(model.robot)}"
+            if not response.success:
+                response.message = "the node was cleaned up during the reload: configure it"
+            self._announce(response.message, serving.server)
+        self._send_response(response, header)
 
     def _announce(self, text: str, server: IkServer) -> None:
         self.get_logger().info(text)
@@ -309,6 +398,7 @@ class IkNode(ManagedNode):
         if self._serving is None:
             return DiagnosticReport(Level.OK, self.state_label, "", state)
         server = self._serving.server
+        self._serving.meet_publishers()
         summary = server.end_period()
         artifact = server.solver.artifact
         model = {
@@ -331,6 +421,7 @@ class IkNode(ManagedNode):
                 **expected_error_values(summary),
             },
             self.options.command_safety.expected_rate if self._active else 0.0,
+            self._serving.others.trouble(),
         )
 
 

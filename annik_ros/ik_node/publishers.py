@@ -110,6 +110,7 @@ class CommandPublishers:
             lambda stamp, numbers: pose_stamped_from_array(numbers, stamp, robot.base_frame), 7
         )
         self._last: FloatArray | None = None
+        self.topic_name: str = self._command_publisher.topic_name
 
     def publish(self, result: IkResult) -> None:
         """Publish an accepted solution and its target, with one new stamp."""

@@ -99,7 +99,7 @@ class TargetPublisher(Node):
         self._deadline = time.monotonic() + self._options.wait_timeout
         self._timer = self._every(POLL_PERIOD, self._wait_for_others)
         self.get_logger().info(
-            f"path {self._options.path.path.value} on {topic.name}: waiting for "
+            f"path {self._options.path.path.value} on {self._publisher.topic_name}: waiting for "
             f"{self._options.wait_for_subscribers} subscriber(s)"
         )
 

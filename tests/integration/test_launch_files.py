@@ -21,7 +21,7 @@ pytest.importorskip("ros2cli.cli", reason="ros2cli is not installed: it is in no
 
 ROS2 = "import sys; from ros2cli.cli import main; sys.exit(main())"
 NODES = ("ik_node", "fake_robot", "target_publisher", "bag_recorder")
-READY = "target_pose -> joint_command"
+READY = "serving "
 FILES = ("annik.launch.py", "robot.launch.py", "demo.launch.py")
 
 Starter = Callable[..., Process]

@@ -24,9 +24,9 @@ from support.processes import Process
 #: What a node logs once it is ready.
 READY_TEXTS = {
     "bag_recorder": "recording ",
-    "example_collector": "measured_pose -> joint_command",
-    "ik_node": "target_pose -> joint_command",
-    "fake_robot": "joint_command -> joint_states",
+    "example_collector": " are measured: ",
+    "ik_node": "serving ",
+    "fake_robot": "fake robot ",
     "target_publisher": "subscriber(s)",
 }
 

@@ -102,6 +102,9 @@ def test_a_configuration_that_fails_may_be_tried_again(
     assert client.change_state("ik_node", "configure")
     assert client.change_state("ik_node", "activate")
     connect(client)
+    assert client.change_state("ik_node", "shutdown")
+    assert client.state("ik_node") == "finalized"
+    node.wait_for_text("finalized")
 
 
 def test_transitions_in_the_middle_of_a_stream_lose_no_count(
