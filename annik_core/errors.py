@@ -49,7 +49,7 @@ _REMEDIES = {
     ),
     **{
         name: f"pip install {name}"
-        for name in ("click", "onnxruntime", "rich", "rosbags", "zstandard")
+        for name in ("click", "onnxruntime", "rich", "rosbags", "ruamel", "zstandard")
     },
 }
 

@@ -25,7 +25,7 @@ from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import load_robot
 from annik_core.simulation.imperfections import InvalidImperfections, read_imperfections
 from annik_core.target_paths import UnreadableTargetFile, csv_path
-from annik_ros.launch_arguments import node_parameters
+from annik_ros.launch_arguments import checked_arguments, node_parameters
 from annik_training.designs.sampling import generate_dataset
 from msg_tools.bags.errors import BagNotReadable
 from msg_tools.bags.reader import read_bag
@@ -39,6 +39,11 @@ READERS: dict[str, tuple[Callable[[Path], object], type[AnnikError]]] = {
     "model": (load_model, UnreadableModel),
     "bag": (read_bag, BagNotReadable),
     "parameters": (lambda path: node_parameters(str(path), ["/node"]), InvalidValue),
+    "launched model": (lambda path: checked_arguments({"model": str(path)}), InvalidValue),
+    "launched targets": (
+        lambda path: checked_arguments({"path": "csv", "csv_file": str(path)}),
+        UnreadableTargetFile,
+    ),
 }
 YAML_READERS = ("robot", "imperfections", "parameters")
 

@@ -206,9 +206,9 @@ class IkNode(ManagedNode):
         self._serving.server.forget_last_command()
         self._serving.publishers.forget()
         self._active = True
-        solver = self._serving.server.solver
+        model = self._serving.server.solver.artifact
         self._announce(
-            f"serving {solver.artifact.path} for robot {solver.robot.name}: {self._serving.topics}",
+            f"serving {model.path} for robot {model.robot.name}: {self._serving.topics}",
             self._serving.server,
         )
         return super().on_activate(state)

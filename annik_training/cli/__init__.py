@@ -4,10 +4,14 @@ import sys
 from collections.abc import Mapping
 from importlib import import_module
 
-import click
-
 from annik_core.errors import AnnikError, missing_dependency, one_line
-from annik_core.installation import VERSION
+
+try:
+    import click
+
+    from annik_core.installation import VERSION
+except ImportError as error:
+    sys.exit(f"annik: {missing_dependency(error, 'annik')}")
 
 #: Commands in the order of the work, and what ``annik --help`` says of each without loading it.
 COMMANDS: Mapping[str, str] = {

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from types import SimpleNamespace
+
 import pytest
 
 from annik_core.serving.statistics import (
@@ -14,7 +17,13 @@ from annik_core.serving.statistics import (
 
 pytest.importorskip("rclpy")
 
-from annik_ros.diagnostics import Level, expected_error_values, outcome_report, time_values
+from annik_ros.diagnostics import (
+    Level,
+    OtherCommanders,
+    expected_error_values,
+    outcome_report,
+    time_values,
+)
 
 
 def outcomes(accepted: int = 0, refused: int = 0, rate: float = 0.0) -> OutcomeSummary:
@@ -66,3 +75,53 @@ def test_times_are_in_microseconds_and_errors_in_millimetres() -> None:
     values = {**time_values(summary), **expected_error_values(summary)}
     assert [float(value) for value in values.values()] == list(range(1, 10))
     assert [key.rpartition(" ")[2] for key in values] == ["[us]"] * 6 + ["[mm]"] * 3
+
+
+def test_what_is_not_known_is_empty() -> None:
+    """Before the first target, and of a model that was not calibrated."""
+    unknown = Percentiles(math.nan, math.nan, math.nan)
+    summary = SolveSummary(outcomes(), unknown, unknown, unknown)
+    values = {**time_values(summary), **expected_error_values(summary)}
+    assert set(values.values()) == {""}
+
+
+class FakeNode:
+    """Knows the publishers of a topic, and keeps what is logged."""
+
+    def __init__(self) -> None:
+        self.publishers = ["/left/ik_node"]
+        self.warnings: list[str] = []
+        self.warning = self.warnings.append
+
+    def get_logger(self) -> FakeNode:
+        return self
+
+    def get_fully_qualified_name(self) -> str:
+        return "/left/ik_node"
+
+    def get_publishers_info_by_topic(self, _: str) -> list[SimpleNamespace]:
+        return [
+            SimpleNamespace(node_namespace=namespace or "/", node_name=node)
+            for namespace, _, node in (name.rpartition("/") for name in self.publishers)
+        ]
+
+
+@pytest.mark.parametrize("other", ["/left/ik_node", "/collector"])
+def test_another_commander_is_said_once_also_one_of_the_same_name(other: str) -> None:
+    node = FakeNode()
+    others = OtherCommanders(node, "/left/joint_command")
+    assert others.trouble() == ""
+    node.publishers.append(other)
+    for _ in range(3):
+        assert others.trouble() == f"others publish /left/joint_command too: {other}"
+    assert len(node.warnings) == 1
+    node.publishers.remove(other)
+    assert others.trouble() == ""
+
+
+def test_trouble_is_a_warning_where_nothing_else_is_wrong() -> None:
+    good = outcomes(accepted=3)
+    report = outcome_report("target", good, "gantry", {}, trouble="others")
+    assert (report.level, report.message) == (Level.WARN, "others")
+    bad = outcomes(refused=1)
+    assert outcome_report("target", bad, "gantry", {}, trouble="others").message != "others"

@@ -376,6 +376,8 @@ def test_evaluate_prints_the_errors_of_a_model() -> None:
         ("torch", ["train", "--steps", "3", "--out", "m.onnx"], "pip install '.[training]'"),
         ("rosbags", ["report", "."], "pip install rosbags"),
         ("onnxruntime", ["info", "gantry"], "pip install onnxruntime"),
+        ("yaml", ["--help"], "pip install pyyaml"),
+        ("click", ["--help"], "pip install click"),
     ],
 )
 def test_a_missing_library_is_named_with_what_installs_it(
