@@ -18,7 +18,7 @@ MOVING_TYPES = ("continuous", "prismatic", "revolute")
 #: Limits of a continuous joint, to either side [rad]. A URDF gives it none; beyond these a double
 #: does not resolve a tenth of a micro-radian.
 CONTINUOUS_LIMIT = 1e9
-#: A limit beyond this stands for none [rad or m].
+#: A limit beyond this stands for none [rad or m]; a part of an origin is a mistake.
 _NO_LIMIT = 1e6
 #: Lengths of an axis whose squares neither overflow nor vanish.
 _AXIS_LENGTHS = (1e-100, 1e100)
@@ -197,9 +197,12 @@ class UrdfJoint:
         if text is None:
             return None
         numbers = tuple(map(_as_number, text.split()))
-        if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        most = _NO_LIMIT if tag == "origin" else math.inf
+        if len(numbers) != count or not all(abs(number) < most for number in numbers):
             words = {3: "three", 4: "four"}[count]
-            raise self._refused(f"has {key} {text!r} in its <{tag}>: not {words} numbers")
+            raise self._refused(
+                f"has {key} {text!r} in its <{tag}>: not {words} numbers below {most:g}"
+            )
         return numbers
 
     def _limit(self, key: str, index: int) -> float:

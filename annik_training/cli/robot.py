@@ -35,8 +35,7 @@ def robot(save: Path | None, **choices: Any) -> None:
     # Numbers that are cut or wrapped can't be copied.
     Console(width=10_000).print(table)
     click.echo(f"frames: {shown.base_frame} to {shown.end_effector_frame}")
-    for finding in findings(shown):
-        click.echo(finding)
+    click.echo("\n".join(findings(shown)))
     if save is not None:
         text: str = yaml.safe_dump(dict(shown.definition), sort_keys=False)
         write_file(save, text)

@@ -77,8 +77,7 @@ def train(
     options = chosen_fit(dataset.robot, seed, fit_choices)
     # Loaded before the progress bar appears: torch may be missing.
     train_model = annik_training.train
-    for finding in findings(dataset.robot):
-        click.echo(finding, err=True)
+    click.echo("\n".join(findings(dataset.robot)), err=True)
     with Progress(
         TextColumn("fitting {task.fields[label]}"),
         BarColumn(),

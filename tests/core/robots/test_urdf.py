@@ -362,7 +362,9 @@ class TestJoints:
         refused(text, "joint 'j2'", f"xyz '{axis}' in its <axis>", "not three numbers")
 
     @pytest.mark.parametrize("key", ["xyz", "rpy"])
-    @pytest.mark.parametrize("value", ["nan 0 0", "0 inf 0", "0 0", "a b c", "0;0;0"])
+    @pytest.mark.parametrize(
+        "value", ["nan 0 0", "0 0 1e300", "-2e6 0 0", "0 inf 0", "0 0", "a b c", "0;0;0"]
+    )
     def test_an_origin_that_is_not_three_numbers(self, key: str, value: str) -> None:
         text = self.second(origin=f'{key}="{value}"')
         refused(text, "joint 'j2'", f"{key} '{value}' in its <origin>", "not three numbers")
