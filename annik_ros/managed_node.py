@@ -33,6 +33,8 @@ class ManagedNode(LifecycleNode):
     ) -> ChangeState.Response:
         try:
             response = self._change_state(request, response)
+            if self.state_label == "finalized":
+                self.get_logger().info("finalized: nothing is served any more")
         except rclpy_implementation.RCLError:
             wanted = request.transition.label or f"transition {request.transition.id}"
             self.get_logger().warning(f"refused: {wanted} is not possible when {self.state_label}")

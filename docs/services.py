@@ -19,7 +19,8 @@ SERVICES = (
         RELOAD_MODEL,
         "std_srvs/srv/Trigger",
         "load the file of the parameter `model`, and use it from the next target on if it passes "
-        "every check and is for the same robot; otherwise keep the present model, and return why",
+        "every check and is for the same robot; otherwise keep the present model, and return why. "
+        "Targets are solved meanwhile; a call during a reload is answered busy",
     ),
     Service(
         "~/change_state",

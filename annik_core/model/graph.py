@@ -65,13 +65,11 @@ _MESSAGES = {
     "sparse_tensor 22 bytes, sparse_tensors 23 bytes*",
     "Node": "input 1 string*, output 2 string*, name 3 string, op_type 4 string, "
     "attribute 5 Attribute*, domain 7 string",
-    "Sparse": "values 1 Tensor",
     "Graph": "node 1 Node*, name 2 string, initializer 5 Tensor*, input 11 Value*, "
-    "output 12 Value*, sparse_initializer 15 Sparse*",
+    "output 12 Value*, sparse_initializer 15 bytes*",
     "Opset": "domain 1 string, version 2 int64",
-    "Function": "name 1 string",
     "Model": "ir_version 1 int64, graph 7 Graph, opset_import 8 Opset*, metadata_props 14 Entry*, "
-    "functions 25 Function*",
+    "functions 25 bytes*",
 }
 
 
@@ -109,10 +107,12 @@ def parsed_graph(content: bytes, path: Path) -> Any:
 
 def check_graph(model: Any, path: Path) -> None:
     """Raise InvalidGraph for what other checks can't see into, numbers not finite, or too many."""
-    if model.functions:
-        raise InvalidGraph(path, model.functions[0].name, "is a function of its own")
-    for sparse in model.graph.sparse_initializer:
-        raise InvalidGraph(path, sparse.values.name, "is a sparse tensor")
+    for part, found in (
+        ("functions", model.functions),
+        ("sparse_initializer", model.graph.sparse_initializer),
+    ):
+        if found:
+            raise InvalidGraph(path, part, "is a part that no model has")
     if len(model.graph.node) > MAX_NODES:
         problem = f"is one of {len(model.graph.node)} operators; at most {MAX_NODES} are accepted"
         raise InvalidGraph(path, model.graph.node[0].op_type, problem)

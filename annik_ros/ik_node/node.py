@@ -222,28 +222,14 @@ class IkNode(ManagedNode):
 
     @logged
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release the model."""
-        self._stop_serving()
-        return super().on_cleanup(state)
-
-    @logged
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release the model for good."""
-        self._stop_serving()
-        self.get_logger().info("finalized")
-        return super().on_shutdown(state)
-
-    @logged
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Return to unconfigured after an error in a transition."""
-        self._stop_serving()
-        return super().on_error(state)
-
-    def _stop_serving(self) -> None:
+        """Release the model: to be unconfigured again, for good, or after an error."""
         self._active = False
         if self._serving is not None:
             serving, self._serving = self._serving, None
             serving.destroy()
+        return super().on_cleanup(state)
+
+    on_shutdown = on_error = on_cleanup
 
     def on_target(self, data: bytes) -> None:
         """Solve a target without a header."""
