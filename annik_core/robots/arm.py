@@ -14,8 +14,8 @@ from annik_core.errors import MissingDependency, missing_dependency
 from annik_core.pose import FloatArray, Numbers
 from annik_core.robots.corrected_kinematics import (
     JointCorrectedKinematics,
+    OneTurn,
     PoseCorrectedKinematics,
-    WrappedKinematics,
 )
 from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.definition import checked_interval, checked_name, number_text
@@ -324,7 +324,7 @@ def _corrected(
         corrected = PoseCorrectedKinematics(corrected, corrections.pose_network)
     turning = turning_joints(chain.joint_types)
     if corrected is not kinematics and turning:
-        return WrappedKinematics(corrected, box.centre, turning)
+        return JointCorrectedKinematics(corrected, OneTurn(box.centre, turning))
     return corrected
 
 

@@ -64,30 +64,19 @@ class PoseCorrectedKinematics(ForwardKinematics):
 
 
 @dataclass(frozen=True, eq=False)
-class WrappedKinematics(ForwardKinematics):
-    """Forward kinematics that are the same after a full turn of a continuous joint.
+class OneTurn(JointCorrection):
+    """Continuous joints in the turn around ``centre`` ``(dof,)``: corrections are known there."""
 
-    Corrections are known in one turn only; ``centre`` ``(dof,)`` is its middle.
-    """
-
-    kinematics: ForwardKinematics
     centre: FloatArray
     turning: Sequence[int]
 
-    def poses(self, joint_positions: FloatArray) -> FloatArray:
-        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
-        return self.kinematics.poses(self._wrapped(joint_positions))
-
-    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
-        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
-        return self.kinematics.jacobians(self._wrapped(joint_positions))
-
-    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
-        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
-        return self.kinematics.linearise(self._wrapped(joint_positions), target)
-
-    def _wrapped(self, joint_positions: FloatArray) -> FloatArray:
+    def actual(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
         return unwrapped(joint_positions, self.centre, self.turning)
+
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
+        return np.ones_like(joint_positions)
 
 
 def _moved(poses: FloatArray, motions: FloatArray, *, reverse: bool = False) -> FloatArray:
