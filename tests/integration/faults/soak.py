@@ -105,7 +105,7 @@ class Soak:
             "paths, good and bad": self._send_paths,
             "silence and a burst": self._be_silent,
             "two publishers at once": self._publish_from_two_sides,
-            "wrong quality of service": self._publish_with_wrong_qos,
+            "best effort": self._publish_with_best_effort,
             "broken joint states": self._publish_broken_joint_states,
             "model file spoilt": self._spoil_the_model,
             "bad parameters": self._set_bad_parameters,
@@ -327,15 +327,17 @@ class Soak:
         finally:
             other.close()
 
-    def _publish_with_wrong_qos(self) -> None:
+    def _publish_with_best_effort(self) -> None:
+        """The node hears it after a while; what it loses until then and by it does not count."""
         publisher = self._client.node.create_publisher(
             Pose, "target_pose", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         )
+        self._client.wait_until(publisher.get_subscription_count, "the node hears it")
         for _ in range(20):
-            publisher.publish(pose_from_array(GOOD))
-            self._send_good()
+            publisher.publish(pose_from_array(self._new_target()))
             self._client.take_messages(0.01)
         self._client.node.destroy_publisher(publisher)
+        self._find_each_other()
 
     def _publish_broken_joint_states(self) -> None:
         for _ in range(100):
