@@ -3,8 +3,6 @@
 The names below are loaded on first use: a node joins the graph before it loads onnxruntime.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

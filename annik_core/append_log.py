@@ -4,8 +4,6 @@ A record is a mapping with the key ``check``, the checksum of the rest. A last l
 process left incomplete is removed when the log is opened; an altered line is refused.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json
@@ -55,7 +53,7 @@ class AppendLog:
             self._file.close()
             raise
 
-    def __enter__(self) -> AppendLog:
+    def __enter__(self) -> "AppendLog":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -4,8 +4,6 @@ A dataset is saved as one ``.npz`` file (NumPy's zip of arrays) with the provena
 SHA-256 over everything, by which a truncated or altered file is recognised.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -74,7 +72,7 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.joint_positions)
 
-    def rows(self, keep: NDArray[np.bool_]) -> Dataset:
+    def rows(self, keep: NDArray[np.bool_]) -> "Dataset":
         """The examples for which ``keep`` ``(n,)`` is true."""
         return replace(self, joint_positions=self.joint_positions[keep], poses=self.poses[keep])
 

@@ -4,8 +4,6 @@ A solution becomes a command if none of :data:`COMMAND_CHECKS` refuses it. A new
 of :class:`IkStatus` and a function in that tuple, both at the same place in the order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,7 +27,7 @@ class IkStatus(Enum):
 
     meaning: str
 
-    def __new__(cls, value: str, meaning: str) -> IkStatus:
+    def __new__(cls, value: str, meaning: str) -> "IkStatus":
         """A member whose value is its short name alone."""
         member = object.__new__(cls)
         member._value_ = value

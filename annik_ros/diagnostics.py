@@ -1,7 +1,5 @@
 """Report on ``/diagnostics`` once a second."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

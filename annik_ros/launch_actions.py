@@ -1,7 +1,5 @@
 """Actions of the launch files. launch is imported when used, since it is not everywhere."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -30,7 +28,7 @@ class NodeEnded(AnnikError):
 class Launch:
     """The checked arguments of a launch file, and the nodes that it starts with them."""
 
-    def __init__(self, context: LaunchContext, names: Sequence[str]) -> None:
+    def __init__(self, context: "LaunchContext", names: Sequence[str]) -> None:
         configurations = context.launch_configurations
         self.values = checked_arguments({name: configurations[name] for name in names})
         namespace: str = self.values["namespace"]
@@ -48,8 +46,8 @@ class Launch:
         self,
         name: str,
         parameters: Mapping[str, object] | None = None,
-        on_exit: Callable[[ProcessExited, LaunchContext], Actions | None] | None = None,
-    ) -> LaunchDescriptionEntity:
+        on_exit: "Callable[[ProcessExited, LaunchContext], Actions | None] | None" = None,
+    ) -> "LaunchDescriptionEntity":
         """A node of annik, with its file in ``config/``, the parameter file and these parameters.
 
         Parameters that are None are not given. By default everything ends with the node.
@@ -85,7 +83,7 @@ class Launch:
 
 def launch_description(
     file: str, names: Sequence[str], make: Callable[[Launch], Actions]
-) -> LaunchDescription:
+) -> "LaunchDescription":
     """A launch file with these arguments, which are checked before anything starts.
 
     ``make`` makes its actions, and may raise an :class:`AnnikError`.
@@ -93,7 +91,7 @@ def launch_description(
     from launch import LaunchDescription
     from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
-    def actions(context: LaunchContext) -> Actions:
+    def actions(context: "LaunchContext") -> Actions:
         try:
             # In a launch file that includes this one, names may be alike.
             if any(Path(word).name == Path(file).name for word in sys.argv):
@@ -124,7 +122,7 @@ def failure(error: AnnikError) -> Actions:
     """
     from launch.actions import OpaqueFunction, TimerAction
 
-    def fail(_: LaunchContext) -> NoReturn:
+    def fail(_: "LaunchContext") -> NoReturn:
         raise error
 
     return [TimerAction(period=0.0, actions=[OpaqueFunction(function=fail)])]
@@ -132,13 +130,13 @@ def failure(error: AnnikError) -> Actions:
 
 def ends_the_launch(
     node: str, *, may_end: bool = True, delay: float = 0.0
-) -> Callable[[ProcessExited, LaunchContext], Actions | None]:
+) -> "Callable[[ProcessExited, LaunchContext], Actions | None]":
     """What to do when a node ends: end all, with exit code 1 unless it may end and its is 0.
 
     Then the others have the delay [s] to finish.
     """
 
-    def on_exit(event: ProcessExited, context: LaunchContext) -> Actions | None:
+    def on_exit(event: "ProcessExited", context: "LaunchContext") -> Actions | None:
         from launch.actions import Shutdown, TimerAction
 
         # Whoever ends the launch ends its processes too, and their exit codes mean nothing then.

@@ -1,7 +1,5 @@
 """Measured joint positions of a robot, from its joint states."""
 
-from __future__ import annotations
-
 import time
 
 from rclpy.node import Node

@@ -1,7 +1,5 @@
 """Child processes with their output in a file; each ends with its whole process group."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -13,7 +11,7 @@ from typing import NoReturn
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-_running: list[ChildProcess] = []
+_running: "list[ChildProcess]" = []
 
 
 class ChildProcess:
@@ -36,7 +34,7 @@ class ChildProcess:
         """Process id."""
         return self.process.pid
 
-    def __enter__(self) -> ChildProcess:
+    def __enter__(self) -> "ChildProcess":
         return self
 
     def __exit__(self, *_: object) -> None:

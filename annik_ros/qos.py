@@ -1,7 +1,5 @@
 """Quality of service of the nodes."""
 
-from __future__ import annotations
-
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 #: Depth for results: none is dropped unless a subscriber is this many messages behind.

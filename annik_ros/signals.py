@@ -4,8 +4,6 @@ A thread of their own takes them, so that they interrupt nothing: no import, no 
 middleware, no end of a recording. Quick to import, to be there early.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -3,8 +3,6 @@
 The names below are loaded on first use, since torch is slow to load.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,5 @@
 """Errors of a model at random poses: of the network alone, and refined as a node does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -37,7 +35,7 @@ class ErrorSummary:
     max: float
 
     @classmethod
-    def of(cls, errors: FloatArray) -> ErrorSummary:
+    def of(cls, errors: FloatArray) -> "ErrorSummary":
         """Summary of errors ``(n,)``."""
         percentiles = np.percentile(errors, [50, 95, 99, 100]).tolist()
         return cls(float(np.sqrt(np.mean(errors**2))), *percentiles)
@@ -123,7 +121,9 @@ class NetworkErrors:
         )
 
 
-def evaluate(model: Model, *, poses: int = DEFAULT_EVALUATION_POSES, seed: int = 0) -> Evaluation:
+def evaluate(
+    model: "Model", *, poses: int = DEFAULT_EVALUATION_POSES, seed: int = 0
+) -> Evaluation:
     """Errors of a model at random poses of its robot's joint box, drawn by the seed."""
     dataset = evaluation_dataset(model.robot, poses, seed)
     return network_errors(model.joint_positions, dataset).summary()

@@ -1,7 +1,5 @@
 """What the joint box of a robot leaves open: redundant joints, full turns, several branches."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

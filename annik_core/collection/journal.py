@@ -4,8 +4,6 @@ The first record identifies plan and robot by their hashes, and has the number o
 order of the examples. Every other record is a measured example.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -61,7 +59,7 @@ def journal_path(dataset: Path) -> Path:
     return dataset.with_name(f"{dataset.stem}.journal.jsonl")
 
 
-def open_journal(dataset: Path, plan: Dataset, samples: int) -> CollectionJournal:
+def open_journal(dataset: Path, plan: Dataset, samples: int) -> "CollectionJournal":
     """Open the journal beside a dataset that is measured in part, or not yet.
 
     Raises:
@@ -105,7 +103,7 @@ class CollectionJournal:
             self._log.close()
             raise
 
-    def __enter__(self) -> CollectionJournal:
+    def __enter__(self) -> "CollectionJournal":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -4,8 +4,6 @@ Every entry is one ONNX metadata property, named ``annik.<key>``, whose value is
 docs/artifact.md.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping
@@ -90,7 +88,7 @@ class ModelMetadata:
         }
 
     @classmethod
-    def from_properties(cls, properties: Mapping[str, str], path: Path) -> ModelMetadata:
+    def from_properties(cls, properties: Mapping[str, str], path: Path) -> "ModelMetadata":
         """Read the entries of the file at ``path``; the version is checked before all others.
 
         Raises:

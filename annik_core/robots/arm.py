@@ -1,7 +1,5 @@
 """Arms: serial chains from URDFs, with kinematics by Pinocchio."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -130,7 +128,7 @@ class ArmKinematics(ForwardKinematics):
         return np.array([*joints, data.oMf[frame].translation.copy()])
 
     @cached_property
-    def screws(self) -> ScrewChain:
+    def screws(self) -> "ScrewChain":
         """The chain as a product of screw motions."""
         pin, model, data, frame = self._pinocchio
         zero = np.zeros(len(self.joint_names))

@@ -1,7 +1,5 @@
 """Kinematic corrections of an arm, found by calibration, and a bound of the remaining error."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -228,7 +226,7 @@ class ArmCorrections:
         return data
 
     @classmethod
-    def from_dict(cls, data: Any, dof: int, source: str) -> ArmCorrections:
+    def from_dict(cls, data: Any, dof: int, source: str) -> "ArmCorrections":
         """The reverse of :meth:`to_dict`.
 
         Raises:

@@ -1,7 +1,5 @@
 """Intervals of joint positions: the limits of the joints, and the joint box."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,7 +23,7 @@ class JointLimits:
     @classmethod
     def from_bounds(
         cls, joint_names: Sequence[str], lower: ArrayLike, upper: ArrayLike
-    ) -> JointLimits:
+    ) -> "JointLimits":
         """Limits from two arrays ``(dof,)``.
 
         Raises:

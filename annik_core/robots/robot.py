@@ -1,7 +1,5 @@
 """A robot: joints, limits, frames, forward kinematics, workspace."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -163,7 +161,7 @@ class Robot:
     forward_kinematics: ForwardKinematics
     workspace: Workspace
     definition: Mapping[str, Any]
-    error_bound: ErrorBound | None = None
+    error_bound: "ErrorBound | None" = None
 
     @property
     def dof(self) -> int:

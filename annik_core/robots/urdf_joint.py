@@ -1,7 +1,5 @@
 """A joint of a URDF, and whether one of a chain can be honoured in full."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
@@ -52,7 +50,7 @@ class UrdfJoint:
     @classmethod
     def read(
         cls, element: ElementTree.Element, joint_box: Mapping[str, object], source: str
-    ) -> UrdfJoint:
+    ) -> "UrdfJoint":
         """Read its name and its links, which may be missing."""
         links = (element.find(tag) for tag in ("parent", "child"))
         parent, child = ("" if link is None else link.get("link", "") for link in links)

@@ -1,7 +1,5 @@
 """The tree of links and joints of a URDF, and the way from one link to another."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -43,7 +41,7 @@ class UrdfTree:
     @classmethod
     def read(
         cls, root: ElementTree.Element, joint_box: Mapping[str, object], source: str
-    ) -> UrdfTree:
+    ) -> "UrdfTree":
         """Read the links and joints of a URDF, of which any may be off the chain.
 
         Raises:

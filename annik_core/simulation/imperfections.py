@@ -5,8 +5,6 @@ In metres and radians. The kinematic errors are the four Denavit-Hartenberg kind
 are along and about the common normal from its axis to the next.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -141,7 +139,7 @@ class Imperfections:
         check_settings(self)
 
     @classmethod
-    def none(cls, dof: int) -> Imperfections:
+    def none(cls, dof: int) -> "Imperfections":
         """Those of a perfect arm with ``dof`` joints."""
         perfect: dict[str, Any] = {name: np.zeros(dof) for name in JOINT_ENTRIES}
         return cls(**perfect)

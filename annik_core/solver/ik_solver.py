@@ -1,7 +1,5 @@
 """Inverse kinematics by a trained network, every solution verified by the forward kinematics."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum
@@ -63,7 +61,7 @@ class IkSolver:
             nearer to the target than the network's. Then a solution depends on those before it.
     """
 
-    artifact: Model
+    artifact: "Model"
     limits: AcceptanceLimits = AcceptanceLimits()
     mode: SolverMode = SolverMode.AUTO
     refinement_options: RefinementOptions = RefinementOptions()
@@ -77,7 +75,7 @@ class IkSolver:
     @classmethod
     def from_file(
         cls, name_or_path: str | Path, limits: AcceptanceLimits | None = None
-    ) -> IkSolver:
+    ) -> "IkSolver":
         """The solver for a packaged model, by its name, or for a model file.
 
         Raises:
@@ -152,7 +150,7 @@ class IkSolver:
         return CommandContext(self.limits)
 
     @cached_property
-    def _refinement(self) -> Refinement:
+    def _refinement(self) -> "Refinement":
         # Loaded in refined mode only, because its linear algebra loads slowly.
         from annik_core.solver.refinement import Refinement
 

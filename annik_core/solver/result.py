@@ -1,7 +1,5 @@
 """What the solver returns: a value for every target, whether it was accepted or refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -50,6 +48,6 @@ class IkResult:
     @classmethod
     def refused(
         cls, refusal: Refusal, residuals: tuple[float, float] = UNKNOWN, newton_steps: int = 0
-    ) -> IkResult:
+    ) -> "IkResult":
         """A refusal; ``residuals``: distance [m] and angle [rad] to the target, if computed."""
         return cls(refusal.status, None, *residuals, newton_steps, refusal.reason)

@@ -1,7 +1,5 @@
 """The node that moves a robot through a plan of examples and records the measured poses."""
 
-from __future__ import annotations
-
 import sys
 import time
 from typing import Final

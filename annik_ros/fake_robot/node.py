@@ -1,7 +1,5 @@
 """The node that simulates a robot and publishes its tracking error, never its imperfections."""
 
-from __future__ import annotations
-
 import sys
 import time
 from importlib import import_module

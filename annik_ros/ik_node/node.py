@@ -1,7 +1,5 @@
 """The node that turns target poses into joint commands."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable
@@ -69,7 +67,7 @@ WARNING_PERIOD = 1.0
 class Serving:
     """The model, the subscriptions and the publishers of a configured node."""
 
-    def __init__(self, node: IkNode, options: IkNodeParameters) -> None:
+    def __init__(self, node: "IkNode", options: IkNodeParameters) -> None:
         from annik_core.model.artifact import load_model
 
         self._node = node
@@ -139,7 +137,7 @@ class Serving:
 class Reload(NamedTuple):
     """A reload that is under way, and its response with the address that it goes to."""
 
-    job: Future[Model]
+    job: "Future[Model]"
     serving: Serving
     response: Trigger.Response
     header: object = None

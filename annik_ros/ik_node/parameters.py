@@ -1,7 +1,5 @@
 """The parameters of ``ik_node``. Needs no ROS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -110,7 +108,7 @@ class IkNodeParameters:
         "the default one.",
     )
 
-    def solver(self, model: Model) -> IkSolver:
+    def solver(self, model: "Model") -> IkSolver:
         """The solver that they describe, for a model."""
         return IkSolver(
             model, self.acceptance_limits, self.mode, self.refinement, self.seed_from_previous

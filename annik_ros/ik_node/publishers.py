@@ -4,8 +4,6 @@ Messages are serialized once and then only filled in, since converting and seria
 takes several times as long as publishing its bytes.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from typing import Any

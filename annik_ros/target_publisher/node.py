@@ -1,7 +1,5 @@
 """The node that publishes a path of targets and ends when they are delivered."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Measured poses, their noise, and the residuals of a model."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +44,7 @@ class Observations:
     weights: FloatArray  #: ``(n,)`` weight of each example, 0 to 1
 
     @classmethod
-    def of(cls, dataset: Dataset, *, position_only: bool = False) -> Observations:
+    def of(cls, dataset: Dataset, *, position_only: bool = False) -> "Observations":
         """All examples of a dataset, with full weight.
 
         Raises:
@@ -78,11 +76,11 @@ class Observations:
         """Measured numbers per example."""
         return 6 if self.has_orientation else 3
 
-    def weighted(self, weights: FloatArray) -> Observations:
+    def weighted(self, weights: FloatArray) -> "Observations":
         """The same examples with other weights ``(n,)``."""
         return replace(self, weights=weights)
 
-    def where(self, keep: NDArray[np.bool_]) -> Observations:
+    def where(self, keep: NDArray[np.bool_]) -> "Observations":
         """The examples where ``keep`` ``(n,)`` is true."""
         return Observations(
             self.joint_positions[keep],

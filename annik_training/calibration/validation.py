@@ -1,7 +1,5 @@
 """Errors of the nominal and the calibrated robot at held-out measured poses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """``annik calibrate``: from measured poses to the model file of a calibrated arm."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, replace
@@ -87,7 +85,7 @@ def calibrate(
         write_file(summary, json.dumps(calibration_summary(calibrated), indent=2) + "\n")
 
 
-def calibration_summary(calibrated: CalibratedRobot) -> dict[str, Any]:
+def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
     """The results of a calibration as plain data."""
     return {
         "robot": calibrated.dataset.robot.name,
@@ -100,7 +98,7 @@ def calibration_summary(calibrated: CalibratedRobot) -> dict[str, Any]:
     }
 
 
-def _print_calibration(calibrated: CalibratedRobot) -> None:
+def _print_calibration(calibrated: "CalibratedRobot") -> None:
     """Print the parts of the model, the outliers, and the errors that were not identified."""
     table = Table("parts of the model", "parameters", "left-out error", "")
     for candidate in calibrated.candidates:

@@ -1,7 +1,5 @@
 """``annik evaluate``: errors of a model at random poses, or at measured ones."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Output of commands that train or evaluate a model."""
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING
 
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
     from annik_training import Evaluation, TrainedModel
 
 
-def print_training(trained: TrainedModel) -> None:
+def print_training(trained: "TrainedModel") -> None:
     """Print the number of examples and the evaluation."""
     fitted = trained.fitted
     left_out = f", {fitted.second_solutions} second solutions left out"
@@ -28,7 +26,7 @@ def print_training(trained: TrainedModel) -> None:
     print_evaluation(trained.evaluation, str(trained.path))
 
 
-def print_evaluation(evaluation: Evaluation, title: str) -> None:
+def print_evaluation(evaluation: "Evaluation", title: str) -> None:
     """Print what a node solves with a model, the errors of its network, and what makes it poor."""
     quality = quality_of(evaluation.to_dict())
     refined = evaluation.refined

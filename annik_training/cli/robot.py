@@ -1,7 +1,5 @@
 """``annik robot``: joints, frames, joint box and branches of a robot, before training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

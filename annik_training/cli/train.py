@@ -1,7 +1,5 @@
 """``annik train``: from a robot or a dataset to a model file."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -90,7 +88,7 @@ def train(
         task = progress.add_task("", total=options.restarts, label=label, best="-")
         best = float("inf")
 
-        def on_restart(restart: Restart) -> None:
+        def on_restart(restart: "Restart") -> None:
             nonlocal best
             best = min(best, restart.choosing_error)
             progress.update(task, advance=1, best=f"{best:.1e}")
@@ -116,7 +114,7 @@ def _refuse_beside_dataset(*names: str) -> None:
         raise ConflictingOptions("--dataset", given)
 
 
-def _summary(trained: TrainedModel) -> dict[str, Any]:
+def _summary(trained: "TrainedModel") -> dict[str, Any]:
     fitted = trained.fitted
     return {
         "model": str(trained.path),

@@ -4,8 +4,6 @@ Colours of Okabe and Ito, distinct to colour-blind readers; markers and frames d
 prints without colour.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -99,7 +97,7 @@ def _add_panel(figure: Figure, panel: float, last: int, row: int, column: int) -
     return axes
 
 
-def _draw_pair(axes: Axes, across: _JointAxis, up: _JointAxis, is_blind: bool) -> None:
+def _draw_pair(axes: Axes, across: "_JointAxis", up: "_JointAxis", is_blind: bool) -> None:
     """Scatter plot of two joints; markers grow with the number of coinciding examples."""
     drawn = np.stack([across.positions, up.positions], axis=1)[:: _drawn_every(len(up.positions))]
     widths = np.array([across.upper - across.lower, up.upper - up.lower])
@@ -126,7 +124,7 @@ def _drawn_every(examples: int) -> int:
     return -(-examples // _MOST_DRAWN)
 
 
-def _draw_histogram(axes: Axes, joint: _JointAxis) -> None:
+def _draw_histogram(axes: Axes, joint: "_JointAxis") -> None:
     axes.hist(
         joint.positions, bins=_BINS, range=(joint.lower, joint.upper), color=_GREY, rwidth=0.85
     )
@@ -135,7 +133,7 @@ def _draw_histogram(axes: Axes, joint: _JointAxis) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(2, integer=True, min_n_ticks=2))
 
 
-def _label_across(axes: Axes, joint: _JointAxis, panel: float, *, is_named: bool) -> None:
+def _label_across(axes: Axes, joint: "_JointAxis", panel: float, *, is_named: bool) -> None:
     axes.set_xlim(joint.shown)
     axes.set_xticks(joint.ticks, labels=joint.numbers if is_named else [])
     if is_named:
@@ -154,7 +152,7 @@ def _keep_apart(numbers: Sequence[Text]) -> None:
     upper.set_horizontalalignment("right")
 
 
-def _label_up(axes: Axes, joint: _JointAxis, panel: float, *, is_named: bool) -> None:
+def _label_up(axes: Axes, joint: "_JointAxis", panel: float, *, is_named: bool) -> None:
     axes.set_ylim(joint.shown)
     axes.set_yticks(joint.ticks, labels=joint.numbers if is_named else [])
     if is_named:

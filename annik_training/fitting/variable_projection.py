@@ -26,8 +26,6 @@ References:
     [Czarnecki2017] W. Czarnecki et al.: Sobolev training for neural networks. NeurIPS 2017.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -56,7 +54,7 @@ class ScaledExamples:
     #: ``(n, d, k)`` derivatives of the targets along the same, or None.
     derivatives: Tensor | None = None
 
-    def rows(self, indices: NDArray[np.int64]) -> ScaledExamples:
+    def rows(self, indices: NDArray[np.int64]) -> "ScaledExamples":
         """Some of the examples."""
         return ScaledExamples(
             self.inputs[indices],

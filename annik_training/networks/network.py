@@ -5,8 +5,6 @@ takes about as long for a scaling as for a layer, so a :class:`FusedNetwork` is 
 is linear between the encoding and the first layer, and after the last one, is multiplied out.
 """
 
-from __future__ import annotations
-
 import logging
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -145,7 +143,7 @@ class InverseKinematicsNetwork(nn.Module):
         return joint_positions
 
     @torch.no_grad()
-    def fused(self) -> FusedNetwork:
+    def fused(self) -> "FusedNetwork":
         """An equal network of fewer operators; its weights are new tensors."""
         network = self.network
         scaling = network.input_scaling

@@ -1,7 +1,5 @@
 """Write a bag that ROS 2 opens and that stays readable if the writer is killed."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -80,7 +78,7 @@ class BagWriter:
         """Messages written so far, all topics together."""
         return sum(topic.message_count for topic in self._topics.values())
 
-    def __enter__(self) -> BagWriter:
+    def __enter__(self) -> "BagWriter":
         return self
 
     def __exit__(
