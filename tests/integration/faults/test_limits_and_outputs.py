@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
 from invariants import (
     GOOD,
@@ -187,6 +188,15 @@ def test_a_path_is_answered_whole_or_not_at_all(launch: Callable[..., Any], clie
     )
     np.testing.assert_allclose(reached[:, :3], np.array(path[:5])[:, :3], rtol=0, atol=1e-3)
     assert_all_numbers_finite(client)
+    # Its stamp counts as that of a target does.
+    assert client.set_parameter("ik_node", "max_target_age", 3600.0).successful
+    for stamp in (Time(), client.node.get_clock().now().to_msg()):
+        message = path_message(path[:4])
+        message.header.stamp = stamp
+        publisher.publish(message)
+    client.wait_until(lambda: len(trajectories[-1].points) == 4, "the fresh path's answer")
+    counts = wait_for_counts(client, received + 7)
+    assert (counts.reasons["stale target"], len(trajectories)) == (1, 2)
     # A path is a trajectory; the topics of single commands are silent about it.
     assert not client.received["joint_command"]
     assert "Traceback" not in node.log
