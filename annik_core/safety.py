@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from annik_core.errors import InvalidValue
-from annik_core.pose import POSE_FIELDS, QUATERNION_NORM_TOLERANCE, FloatArray, Numbers
+from annik_core.pose import POSE_FIELDS, FloatArray, Numbers
 from annik_core.robots.robot import Robot
 from annik_core.settings import check_settings, setting, upper_limit
 
@@ -22,73 +22,28 @@ from annik_core.settings import check_settings, setting, upper_limit
 class IkStatus(Enum):
     """Outcome of one target, in the order of the checks.
 
-    Everything but ``SUCCESS`` is a refusal: nothing is commanded.
+    Everything but ``SUCCESS`` is a refusal: nothing is commanded. docs/ros_interface.md says when.
     """
 
-    meaning: str
-
-    def __new__(cls, value: str, meaning: str) -> "IkStatus":
-        """A member whose value is its short name alone."""
-        member = object.__new__(cls)
-        member._value_ = value
-        member.meaning = meaning
-        return member
-
-    SUCCESS = "success", "every check is passed"
-    NOT_ACTIVE = "not active", "the node is configured, but not active"
-    MALFORMED_MESSAGE = (
-        "malformed message",
-        "the bytes are not those of a message of this type, or its stamp has a second or more of "
-        "nanoseconds",
-    )
-    WRONG_FRAME = (
-        "wrong frame",
-        "frame_id is neither empty nor the base frame, and tf2 has no transform to that",
-    )
-    STALE_TARGET = "stale target", "the stamp is further from now than max_target_age"
-    PATH_LENGTH = "path length", "a path has no pose, or more than max_path_poses"
-    OUTSIDE_WORKSPACE_BOX = (
-        "outside workspace box",
-        "the position is outside workspace_box_lower and _upper",
-    )
-    NOT_FINITE = "not finite", "a number is NaN or infinite"
-    NOT_UNIT_QUATERNION = (
-        "not a unit quaternion",
-        f"the quaternion's norm is not 1 within {QUATERNION_NORM_TOLERANCE:g}",
-    )
-    OUTSIDE_WORKSPACE = "outside workspace", "the robot can't reach the pose"
-    NOT_CONVERGED = ("not converged", "refined mode found no joint positions in the joint box")
-    JOINT_LIMIT = "joint limit", "the network's solution is outside the joint limits"
-    RESIDUAL_TOO_LARGE = (
-        "residual too large",
-        "the solution is further from the target than max_position_residual or "
-        "max_orientation_residual",
-    )
-    EXPECTED_ERROR_TOO_LARGE = (
-        "expected error too large",
-        "the robot may be further from where the calibrated model has it than max_expected_error "
-        "or max_expected_orientation_error, or how far is unknown",
-    )
-    JOINT_STEP_TOO_LARGE = (
-        "joint step too large",
-        "a joint would move by more than max_joint_step",
-    )
-    JOINT_VELOCITY_TOO_LARGE = (
-        "joint velocity too large",
-        "a joint would move faster than max_joint_velocity",
-    )
-    FIRST_COMMAND_TOO_FAR = (
-        "first command too far",
-        "the first command is further than max_first_step from the measured joint positions; or "
-        "joint states are received from which they can't be taken; or there are none and "
-        "first_command is near",
-    )
-    TOO_FAR_FROM_MEASURED = (
-        "too far from measured",
-        "the command is further than max_measured_step from the measured joint positions, or "
-        "joint states are received from which they can't be taken",
-    )
-    SOLVER_FAILED = "solver failed", "an unforeseen error"
+    SUCCESS = "success"
+    NOT_ACTIVE = "not active"
+    MALFORMED_MESSAGE = "malformed message"
+    WRONG_FRAME = "wrong frame"
+    STALE_TARGET = "stale target"
+    PATH_LENGTH = "path length"
+    OUTSIDE_WORKSPACE_BOX = "outside workspace box"
+    NOT_FINITE = "not finite"
+    NOT_UNIT_QUATERNION = "not a unit quaternion"
+    OUTSIDE_WORKSPACE = "outside workspace"
+    NOT_CONVERGED = "not converged"
+    JOINT_LIMIT = "joint limit"
+    RESIDUAL_TOO_LARGE = "residual too large"
+    EXPECTED_ERROR_TOO_LARGE = "expected error too large"
+    JOINT_STEP_TOO_LARGE = "joint step too large"
+    JOINT_VELOCITY_TOO_LARGE = "joint velocity too large"
+    FIRST_COMMAND_TOO_FAR = "first command too far"
+    TOO_FAR_FROM_MEASURED = "too far from measured"
+    SOLVER_FAILED = "solver failed"
 
 
 class Refusal(NamedTuple):

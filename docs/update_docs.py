@@ -23,7 +23,7 @@ from typing import Any
 
 import yaml
 
-from annik_core.safety import AcceptanceLimits, IkStatus
+from annik_core.safety import AcceptanceLimits
 from annik_ros.parameters import Parameter
 from annik_training.designs.registry import DESIGNS
 from annik_training.designs.thirty_phase_design import phases as phases_of
@@ -31,6 +31,7 @@ from benchmarks.conditions import machine
 from benchmarks.markdown import markdown_table
 from docs.diagnostic_values import DIAGNOSTIC_VALUES, LEVELS
 from docs.parameter_tables import PARAMETER_TABLES
+from docs.refusals import REFUSALS
 from docs.services import SERVICES
 from msg_tools.topics import TOPICS
 
@@ -99,11 +100,7 @@ def services() -> str:
 
 def refusals() -> str:
     """Why a target may be refused, in the order of the checks."""
-    rows = [
-        (f"`{status.value}`", status.meaning)
-        for status in IkStatus
-        if status is not IkStatus.SUCCESS
-    ]
+    rows = [(f"`{status.value}`", meaning) for status, meaning in REFUSALS.items()]
     return markdown_table(("`refused: ...` in /diagnostics", "when"), rows)
 
 
