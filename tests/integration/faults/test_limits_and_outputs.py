@@ -148,6 +148,25 @@ def test_a_hold_repeats_the_last_accepted_command_under_a_new_stamp(
     client.send(UNREACHABLE)
     wait_for_counts(client, received + 4)
     assert len(client.received["joint_command"]) == 3
+    # Nor is there after a path, whose end the robot may not have reached.
+    paths = client.node.create_publisher(PoseArray, "target_poses", 10)
+    client.wait_until(paths.get_subscription_count, "the node listens to paths")
+    client.send(good_target(2))
+    client.wait_until(lambda: len(client.received["joint_command"]) == 4, "another command")
+
+    def path_answered() -> bool:
+        return len(client.received["joint_trajectory"][-1].points) == 2
+
+    client.repeat_until(
+        lambda: paths.publish(path_message([good_target(2), good_target(1)])),
+        path_answered,
+        "a path's answer",
+    )
+    client.send(UNREACHABLE)
+    client.wait_for_status(
+        "ik_node", lambda values: values["targets refused"] == "5", "the refusal"
+    )
+    assert len(client.received["joint_command"]) == 4
 
 
 def test_a_path_is_answered_whole_or_not_at_all(launch: Callable[..., Any], client: Any) -> None:
