@@ -183,11 +183,7 @@ class TargetPath:
         check_settings(self)
 
     def poses(self) -> FloatArray:
-        """The targets ``(n, 7)``.
-
-        Raises:
-            AnnikError: if the file can't be used.
-        """
+        """The targets ``(n, 7)``; raise AnnikError if the file can't be used."""
         if self.path is PathKind.LINE:
             start = pose_from_roll_pitch_yaw(
                 self.line_from_position, self.line_from_roll_pitch_yaw

@@ -63,10 +63,7 @@ def outcome_report(
     reasons = {
         f"refused: {reason}": str(count) for reason, count in outcomes.refused_by_reason.items()
     }
-    last = {
-        f"{what} rate [Hz]": f"{outcomes.rate:.1f}",
-        "last refusal": outcomes.last_refusal,
-    }
+    last = {f"{what} rate [Hz]": f"{outcomes.rate:.1f}", "last refusal": outcomes.last_refusal}
     expected = {f"expected {what} rate [Hz]": f"{expected_rate:.1f}"} if expected_rate > 0 else {}
     return DiagnosticReport(
         level, message, hardware_id, {**values, **counts, **reasons, **expected, **last}

@@ -6,11 +6,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from annik_core.safety import Measurement
-from annik_core.serving.measured_joints import (
-    JointStateFault,
-    MeasuredJoints,
-    MeasuredPositions,
-)
+from annik_core.serving.measured_joints import JointStateFault, MeasuredJoints, MeasuredPositions
 from annik_ros.qos import best_effort
 from msg_tools.conversions.cdr import MalformedMessage, joint_positions_from_bytes
 from msg_tools.topics import JOINT_STATES

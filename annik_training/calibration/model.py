@@ -295,11 +295,7 @@ class ParametricModel:
 
 
 def nominal_kinematics(robot: Robot) -> ArmKinematics:
-    """An arm's own kinematics.
-
-    Raises:
-        UnsupportedRobot: if it is no arm, or calibrated already.
-    """
+    """An arm's own kinematics; raise UnsupportedRobot if it is no arm, or calibrated already."""
     kinematics = robot.forward_kinematics
     if not isinstance(kinematics, ArmKinematics) or kinematics.placements is not None:
         raise UnsupportedRobot(
