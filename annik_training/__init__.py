@@ -3,8 +3,9 @@
 The names below are loaded on first use, since torch is slow to load.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from annik_core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
@@ -36,18 +37,4 @@ _NAMES = {
     "fitting.options": ("FitOptions",),
     "training": ("TrainedModel", "train"),
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name on first use (PEP 562)."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """The public names, for completion."""
-    return sorted(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _NAMES)

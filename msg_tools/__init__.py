@@ -3,8 +3,9 @@
 The names below are loaded on first use: bags are read without the ROS message packages.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from annik_core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from msg_tools.bags.errors import BagNotFound, BagNotReadable
@@ -40,18 +41,4 @@ _NAMES = {
     "report.tracking": ("TrackingReport", "tracking_report"),
     "report.write": ("write_report",),
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name on first use (PEP 562)."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """The public names, for completion."""
-    return sorted(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _NAMES)

@@ -32,6 +32,7 @@ SLOW |= {"rclpy", "rosbags.typesys", "torch"}
 #: The rooms of each package, bottom first: a room imports rooms above it in this list only.
 LEVELS: Mapping[str, tuple[str, ...]] = {
     "annik_core": (
+        "lazy",
         "errors",
         "settings",
         "pose",
