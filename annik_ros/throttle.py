@@ -7,7 +7,7 @@ import time
 class Throttle:
     """Allows something once in a period [s]; that of rclpy's logger takes longer than a solve."""
 
-    def __init__(self, period: float) -> None:
+    def __init__(self, period: float = 1.0) -> None:
         self._period = period
         self._next = -math.inf
 

@@ -44,8 +44,6 @@ from msg_tools.topics import JOINT_COMMAND, MEASURED_POSE
 
 NODE_NAME: Final = "example_collector"
 
-#: Least time between two warnings of refused poses [s].
-WARNING_PERIOD: Final = 1.0
 #: Period of checks whether robot and tracker are there [s].
 POLL_PERIOD: Final = 0.05
 #: Time from then to the first command [s]: a subscriber is known here before this publisher is
@@ -60,7 +58,7 @@ class RefusedPose(AnnikError):
 
     def __init__(self, reason: str, problem: str) -> None:
         self.reason = reason
-        super().__init__(f"{MEASURED_POSE.name} {problem}")
+        super().__init__(f"the measured pose {problem}")
 
 
 def _refusal_reason(error: AnnikError) -> str:
@@ -84,7 +82,7 @@ class ExampleCollector(Node):
         self._settings = self._options.settings
         self._robot: Robot = plan.robot
         self._counts = OutcomeCounts(time.monotonic())
-        self._warning = Throttle(WARNING_PERIOD)
+        self._warning = Throttle()
         self._last_stamp = 0
         self._has_pose = False
         self._deadline = time.monotonic() + self._options.wait_timeout

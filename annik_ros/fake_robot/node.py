@@ -49,8 +49,6 @@ from msg_tools.topics import (
 
 NODE_NAME = "fake_robot"
 
-#: Least time between two warnings of refused messages [s].
-WARNING_PERIOD = 1.0
 #: Relative, so that robots in namespaces do not mix; without a namespace it is /tf.
 TF_TOPIC = "tf"
 
@@ -68,7 +66,7 @@ class FakeRobotNode(Node):
         self._counts = OutcomeCounts(time.monotonic())
         self._refused_targets = 0
         self._measurements_published = self._measurements_dropped = 0
-        self._warning = Throttle(WARNING_PERIOD)
+        self._warning = Throttle()
         self._pairing: StampPairing[FloatArray, FloatArray] = StampPairing()
         results = reliable(RESULT_DEPTH)
         self._state_publisher = self.create_publisher(JointState, JOINT_STATES.name, results)

@@ -60,8 +60,6 @@ Content = TypeVar("Content")
 
 #: Time from one look whether a model is loaded to the next [s].
 RELOAD_POLL = 0.02
-#: Least time between two warnings of refused targets [s].
-WARNING_PERIOD = 1.0
 
 
 class Serving:
@@ -156,7 +154,7 @@ class IkNode(ManagedNode):
         self._active = False
         self._fault: AnnikError | None = None
         self._callback_errors = 0
-        self._warning, self._error = Throttle(WARNING_PERIOD), Throttle(WARNING_PERIOD)
+        self._warning, self._error = Throttle(), Throttle()
         self._reload: Reload | None = None
         self._loader = ThreadPoolExecutor(1)
         self._reload_timer = self.create_timer(
