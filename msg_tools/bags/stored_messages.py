@@ -32,6 +32,7 @@ _LARGEST_RATIO: Final = 200
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _SQLITE_MAGIC: Final = b"SQLite format 3\0"
 _RECORD: Final = struct.Struct("<BQ")  #: how a record begins: kind and length
+_MESSAGE: Final = struct.Struct("<HIQQ")  #: channel, number, times of receiving and sending
 _END: Final = struct.Struct("<BxxxxxxxxQxxxxxxxxxxxx8s")  #: the footer, and what ends the file
 #: What altered bytes raise, in the order of the layers that they reach.
 _DAMAGE_ERRORS: Final = (
@@ -161,13 +162,7 @@ def _mcap_messages(
     read = 0
     try:
         for record in _all_records(file, unpacker, tell):
-            if isinstance(record, records.Schema):
-                schemas[record.id] = record
-            elif isinstance(record, records.Channel):
-                channels[record.id] = record
-            elif isinstance(record, records.Statistics):
-                counted = record.message_count
-            elif isinstance(record, records.Message):
+            if isinstance(record, records.Message):
                 if record.channel_id not in channels:
                     raise ValueError(f"a message has the unknown channel {record.channel_id}")
                 channel = channels[record.channel_id]
@@ -182,6 +177,12 @@ def _mcap_messages(
                     schema.data.decode(errors="replace"),
                     schema.encoding,
                 )
+            elif isinstance(record, records.Schema):
+                schemas[record.id] = record
+            elif isinstance(record, records.Channel):
+                channels[record.id] = record
+            elif isinstance(record, records.Statistics):
+                counted = record.message_count
     except _DAMAGE_ERRORS as error:
         tell(f"a record is damaged ({error}); what follows it is lost")
     if counted not in (None, read):
@@ -242,11 +243,12 @@ def _records(file: BinaryIO, size: int) -> Iterator[records.McapRecord]:
         if opcode in _KINDS:
             if min(length, size) > _LONGEST:
                 raise ValueError(f"it has {length} bytes")
-            content = ReadDataStream(BytesIO(file.read(min(length, size))))
-            if opcode == Opcode.MESSAGE:
-                yield records.Message.read(content, length)
+            content = file.read(min(length, size))
+            if opcode == Opcode.MESSAGE:  # most records are one
+                channel, number, received, sent = _MESSAGE.unpack_from(content)
+                yield records.Message(channel, received, content[_MESSAGE.size :], sent, number)
             else:
-                yield _KINDS[opcode].read(content)
+                yield _KINDS[opcode].read(ReadDataStream(BytesIO(content)))
         if end > size or not opcode:
             raise EndOfFile("it is cut")
         file.seek(end)
@@ -259,9 +261,7 @@ def _records_of(chunk: records.Chunk, unpacker: _Unpacker) -> Iterator[records.M
         data = unpacker.unpack(data, chunk.compression, size)
     if len(data) == size and chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise ValueError("its checksum is wrong")
-    for record in _records(BytesIO(data), len(data)):
-        if isinstance(record, records.Schema | records.Channel | records.Message):
-            yield record
+    yield from _records(BytesIO(data), len(data))
     if len(data) != size:
         raise ValueError("it is cut")
 
