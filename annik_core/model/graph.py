@@ -39,7 +39,7 @@ OPERATORS = frozenset({
 
 #: Most operators of a graph, most numbers that one pose needs in all of them, and most products
 #: of matrix elements. The gantry's has 61, 300 and 240; a million products take 1 ms.
-MAX_NODES, MAX_NUMBERS, MAX_PRODUCTS = 1000, 100_000, 8_000_000
+MAX_PARTS, MAX_NUMBERS, MAX_PRODUCTS = 1000, 100_000, 8_000_000
 # The number of poses in shapes: no other dimension is as large.
 _POSES = 10**9
 _DOMAINS = ("", "ai.onnx")
@@ -113,18 +113,21 @@ def check_graph(model: Any, path: Path) -> None:
     ):
         if found:
             raise InvalidGraph(path, part, "is a part that no model has")
-    if len(model.graph.node) > MAX_NODES:
-        problem = f"is one of {len(model.graph.node)} operators; at most {MAX_NODES} are accepted"
-        raise InvalidGraph(path, model.graph.node[0].op_type, problem)
+    nodes, tensors = model.graph.node, model.graph.initializer
+    lists = [nodes, tensors, model.graph.input, model.metadata_props, model.opset_import]
+    lists += [part for node in nodes for part in (node.input, node.attribute)]
+    if max(map(len, lists)) > MAX_PARTS:
+        problem = f"has a list of more than {MAX_PARTS}: operators, tensors, inputs or entries"
+        raise InvalidGraph(path, "graph", problem)
     constants: dict[str, NDArray[Any]] = {}
-    for tensor in model.graph.initializer:
-        if tensor.name in (INPUT_NAME, *constants):
+    for tensor in tensors:
+        if tensor.name == INPUT_NAME or tensor.name in constants:
             raise InvalidGraph(path, tensor.name, "is there twice")
         constants[tensor.name] = tensor_values(tensor, path)
     shapes: dict[str, tuple[int, ...]] = {name: x.shape for name, x in constants.items()}
     shapes[INPUT_NAME] = (_POSES, 7)
     numbers = products = 0
-    for node in model.graph.node:
+    for node in nodes:
         if node.domain not in _DOMAINS or node.op_type not in OPERATORS:
             operator = f"{node.domain}.{node.op_type}" if node.domain else node.op_type
             raise InvalidGraph(path, operator, "is not an operator that a model uses")

@@ -391,8 +391,21 @@ def chained(operator: str, start: str, links: int) -> Callable[[onnx.ModelProto]
         chained("Concat", "row", 30),
         chained("MatMul", "square", 30),
         chained("Neg", "pose", 2000),
+        lambda model: model.graph.initializer.extend([weight(model)] * 2000),
+        lambda model: model.metadata_props.extend([entry(model, "seed")] * 2000),
+        lambda model: with_node(model, helper.make_node("Max", ["pose"] * 2000, ["unused"])),
+        lambda model: model.graph.node[0].attribute.extend([helper.make_attribute("a", 1)] * 2000),
     ],
-    ids=["concat", "concat of constants", "products", "operators"],
+    ids=[
+        "concat",
+        "concat of constants",
+        "products",
+        "nodes",
+        "tensors",
+        "entries",
+        "inputs",
+        "attributes",
+    ],
 )
 def test_a_graph_that_multiplies_what_it_gets(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[onnx.ModelProto], None]
