@@ -146,12 +146,26 @@ def test_a_new_bag_opens_before_its_first_message(tmp_path: Path) -> None:
         assert list(reader.messages()) == []
 
 
-def test_writing_flushes_by_itself_when_a_chunk_is_full(tmp_path: Path) -> None:
+def test_writing_flushes_by_itself_when_a_chunk_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("msg_tools.bags.writer.FLUSH_INTERVAL", float("inf"))
     writer = BagWriter(tmp_path / "bag")
     writer.add_topic("/point", POINT)
     for number in range(10_000):
         writer.write("/point", point_cdr(number), START_NS + number, START_NS + number)
     assert read_bag(tmp_path / "bag").message_count > 5_000
+
+
+def test_writing_flushes_by_itself_after_a_while(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("msg_tools.bags.writer.CHUNK_SIZE", 2**30)
+    monkeypatch.setattr("msg_tools.bags.writer.FLUSH_INTERVAL", 0.0)
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/point", POINT)
+    writer.write("/point", point_cdr(1.0), START_NS, START_NS)
+    assert read_bag(tmp_path / "bag").message_count == 1
 
 
 def test_a_folder_with_content_is_refused_and_kept(tmp_path: Path) -> None:
