@@ -60,7 +60,7 @@ class Bag:
             BagNotReadable: if a message of these topics can't be decoded.
         """
         extra = get_typestore(Stores.EMPTY)
-        for raw in _raw_messages(_content(self.path, []).files, []):
+        for raw in _raw_messages(_content(self.path, [])[0], []):
             if topics is not None and raw.topic not in topics:
                 continue
             types = _types_for(raw, extra, self.path)
@@ -90,8 +90,8 @@ def read_bag(path: Path) -> Bag:
     damage: list[str] = []
     counts: Counter[tuple[str, str]] = Counter()
     has_publish_times = False
-    content = _content(path, damage)
-    for raw in _raw_messages(content.files, damage):
+    files, total, stated = _content(path, damage)
+    for raw in _raw_messages(files, damage):
         counts[raw.topic, raw.type] += 1
         has_publish_times |= raw.publish_time_ns != raw.log_time_ns
     topics: dict[str, BagTopic] = {}
@@ -102,27 +102,19 @@ def read_bag(path: Path) -> Bag:
             damage.append(f"topic {name} has two types; only {topics[name].type} is counted")
             continue
         topics[name] = BagTopic(name, message_type, count)
-    stated = read if content.by_topic is None else content.by_topic
-    if content.total is not None and (content.total, stated) != (read.total(), read):
-        wrong = [name for name in (read | stated) if read[name] != stated[name]]
-        parts = ", ".join(f"{name} {read[name]} of {stated[name]}" for name in wrong)
-        damage.append(
-            f"{METADATA_FILE} counts {content.total} messages, {read.total()} could be read"
-            + (f": {parts}" if parts else "")
-        )
+    stated = read if stated is None else stated
+    if total is not None and (total, stated) != (read.total(), read):
+        wrong = (name for name in (read | stated) if read[name] != stated[name])
+        parts = "".join(f", {name} {read[name]} of {stated[name]}" for name in wrong)
+        damage.append(f"{read.total()} of {total} messages of {METADATA_FILE} were read{parts}")
     return Bag(path, topics, not damage, tuple(damage), has_publish_times)
 
 
-class _Content(NamedTuple):
-    """The files of a bag, and how many messages it states; None where it does not."""
+def _content(path: Path, damage: list[str]) -> tuple[list[Path], int | None, Counter[str] | None]:
+    """The files of a bag, and the numbers of messages that it states, of all topics and by topic.
 
-    files: list[Path]
-    total: int | None
-    by_topic: Counter[str] | None
-
-
-def _content(path: Path, damage: list[str]) -> _Content:
-    """What a bag consists of; appends to ``damage`` what is missing."""
+    None where it states none; appends to ``damage`` what is missing.
+    """
     is_bag = path.is_dir() or path.name == METADATA_FILE
     name = _unpacked(path.name)
     if not is_bag and PurePath(name).suffix not in _STORAGE_SUFFIXES:
@@ -141,7 +133,7 @@ def _content(path: Path, damage: list[str]) -> _Content:
     total, by_topic = _stated_counts(information)
     if total is None and (listed is not None if is_bag else name.endswith(".db3")):
         damage.append(f"{METADATA_FILE} does not say how many messages were recorded")
-    return _Content(files, total, by_topic)
+    return files, total, by_topic
 
 
 def _raw_messages(files: Sequence[Path], damage: list[str]) -> Iterator[RawMessage]:

@@ -18,7 +18,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
-from zstandard import ZstdDecompressor, ZstdError, frame_content_size
+from zstandard import ZstdDecompressor, ZstdError
 
 from annik_core.files import open_regular_file
 from msg_tools.bags.errors import BagNotReadable
@@ -133,9 +133,8 @@ class _Unpacker:
         """A message with its content unpacked; CDR, which begins with a zero, is not packed."""
         if not message.data.startswith(_ZSTD_MAGIC):
             return message
-        size = frame_content_size(message.data)  # negative where it is not stated
-        size = size if size >= 0 else min(_LONGEST, self.left)
-        return message._replace(data=self.unpack(message.data, "zstd", size))
+        most = min(_LONGEST, self.left)
+        return message._replace(data=self.unpack(message.data, "zstd", most))
 
 
 def _zstd_parts(packed: BinaryIO, most: int) -> Iterator[bytes]:
