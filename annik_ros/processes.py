@@ -6,12 +6,11 @@ import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
-from typing import NoReturn
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-_running: "list[ChildProcess]" = []
+#: Those that have not been ended.
+running: "list[ChildProcess]" = []
 
 
 class ChildProcess:
@@ -27,7 +26,7 @@ class ChildProcess:
                 env=dict(environment),
                 start_new_session=True,
             )
-            _running.append(self)
+            running.append(self)
 
     @property
     def pid(self) -> int:
@@ -51,33 +50,16 @@ class ChildProcess:
             except subprocess.TimeoutExpired:
                 continue
         self.process.wait()
-        if self in _running:
-            _running.remove(self)
-
-
-@contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """End the program on SIGINT, SIGTERM and SIGHUP; end every process when it ends."""
-
-    def end(number: int, frame: FrameType | None) -> NoReturn:
-        raise SystemExit(128 + number)
-
-    # Also in a shell's background, where SIGINT is ignored.
-    for number in _SIGNALS:
-        signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for process in tuple(_running):
-            process.end()
+        if self in running:
+            running.remove(self)
 
 
 @contextmanager
 def _signals_deferred() -> Iterator[None]:
     """Defer SIGINT, SIGTERM and SIGHUP: during a start, the process would be lost."""
     received: list[int] = []
-    handlers = {number: signal.getsignal(number) for number in _SIGNALS}
-    for number in _SIGNALS:
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in SIGNALS:
         signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield

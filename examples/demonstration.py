@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn
 
 import click
 from rich.console import Console
 
 from annik_core.errors import AnnikError, InvalidValue, NotWritable
-from annik_ros.processes import ChildProcess, ended_by_signals
+from annik_ros.processes import SIGNALS, ChildProcess, running
 from msg_tools.bags.reader import read_bag
 from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
 
@@ -33,6 +34,23 @@ RESULT_TIMEOUT = 10.0
 _DOMAINS = 101
 #: File that marks a folder which may be emptied.
 _MARKER = ".annik_demo"
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """End the program on SIGINT, SIGTERM and SIGHUP; end every process when it ends."""
+
+    def end(number: int, _: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    # Also in a shell's background, where SIGINT is ignored.
+    for number in SIGNALS:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for process in tuple(running):
+            process.end()
 
 
 class ChildProcessFailed(AnnikError):

@@ -10,7 +10,6 @@ from pathlib import Path
 import click
 
 from annik_core.files import ensure_writable_folder
-from annik_ros.processes import ended_by_signals
 from benchmarks.command_line import (
     chosen,
     docs_folder,
@@ -26,7 +25,7 @@ from benchmarks.node.page import node_bench_page
 from benchmarks.node.results import NodeBenchResults
 from benchmarks.node.run import run_node_bench
 from benchmarks.node.settings import QUICK, NodeBenchSettings
-from examples.demonstration import reserved_domain
+from examples.demonstration import ended_by_signals, reserved_domain
 
 PAGE = "node_bench.md"
 DATA = "node_bench.json"
