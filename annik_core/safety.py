@@ -16,7 +16,7 @@ import numpy as np
 from annik_core.errors import InvalidValue
 from annik_core.pose import POSE_FIELDS, FloatArray, Numbers
 from annik_core.robots.robot import Robot
-from annik_core.settings import check_settings, setting, upper_limit
+from annik_core.settings import CheckedSettings, check_settings, setting, upper_limit
 
 
 class IkStatus(Enum):
@@ -54,7 +54,7 @@ class Refusal(NamedTuple):
 
 
 @dataclass(frozen=True)
-class AcceptanceLimits:
+class AcceptanceLimits(CheckedSettings):
     """Limits that a solution must satisfy to be commanded; infinity: no limit.
 
     Raises:
@@ -90,9 +90,6 @@ class AcceptanceLimits:
         "With a calibrated robot: largest expected orientation error, likewise.",
         unit="rad",
     )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
     @cached_property
     def limits_expected_errors(self) -> bool:

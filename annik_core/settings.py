@@ -201,3 +201,10 @@ def check_settings(settings: object) -> None:
     """
     for entry in settings_of(type(settings)):
         entry.checked(getattr(settings, entry.name))
+
+
+class CheckedSettings:
+    """Base of a dataclass of settings that is checked when it is made; raises InvalidValue."""
+
+    def __post_init__(self) -> None:
+        check_settings(self)

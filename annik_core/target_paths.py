@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from annik_core.errors import AnnikError, InvalidValue
 from annik_core.files import read_text
 from annik_core.pose import FloatArray, checked_pose, pose_from_roll_pitch_yaw
-from annik_core.settings import check_settings, setting
+from annik_core.settings import CheckedSettings, setting
 
 #: The paper's test path: P1 to P2 in steps of 20 mm along x, y and z.
 DIAGONAL_START = (0.210, 0.210, 0.510)
@@ -147,7 +147,7 @@ class PathKind(Enum):
 
 
 @dataclass(frozen=True)
-class TargetPath:
+class TargetPath(CheckedSettings):
     """A path by its settings; those of other kinds of paths are ignored."""
 
     path: PathKind = setting(PathKind.DIAGONAL, "The path. diagonal: the paper's test path.")
@@ -178,9 +178,6 @@ class TargetPath:
     circle_roll_pitch_yaw: tuple[float, ...] = setting(
         (0.5, 0.5, 0.5), "For circle: orientation, about the fixed x, y, z axes.", unit="rad"
     )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
     def poses(self) -> FloatArray:
         """The targets ``(n, 7)``; raise AnnikError if the file can't be used."""

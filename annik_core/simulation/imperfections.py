@@ -21,7 +21,7 @@ from annik_core.robots.corrected_kinematics import JointCorrectedKinematics
 from annik_core.robots.corrections import JointCorrection
 from annik_core.robots.kinematic_errors import ErrorKind, geometric_errors, placements_of
 from annik_core.robots.robot import ForwardKinematics, Robot
-from annik_core.settings import Setting, check_settings, setting, settings_of
+from annik_core.settings import CheckedSettings, Setting, check_settings, setting, settings_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +296,7 @@ def _check_keys(data: object, what: str, known: Collection[str], source: str) ->
 
 
 @dataclass(frozen=True)
-class ImperfectionMagnitudes:
+class ImperfectionMagnitudes(CheckedSettings):
     """Magnitudes of random imperfections; by default about those of an arm as delivered."""
 
     joint_zero_error: float = setting(
@@ -342,9 +342,6 @@ class ImperfectionMagnitudes:
     dropped_measurements: float = setting(
         0.0, "Probability that a measurement is lost.", within=(0.0, 1.0)
     )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 def random_imperfections(

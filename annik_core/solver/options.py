@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from annik_core.pose import FloatArray
-from annik_core.settings import check_settings, setting
+from annik_core.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class RefinementOptions:
+class RefinementOptions(CheckedSettings):
     """When a refinement ends."""
 
     max_newton_steps: int = setting(
@@ -23,9 +23,6 @@ class RefinementOptions:
         unit="m and rad",
         within=(1e-12, 1.0),
     )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 class RefinementResult(NamedTuple):
