@@ -17,14 +17,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.validate_topic_name import validate_topic_name
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces
 
 from annik_core.errors import AnnikError, NotWritable, one_line
 from annik_ros.bag_recorder.parameters import BagRecorderParameters
@@ -202,23 +195,23 @@ def _subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
     )
 
 
-def _qos(profile: QoSProfile) -> Qos:
+def _qos(profile: QoSProfile) -> interfaces.Qos:
     """The quality of service of a publisher as a bag stores it."""
-    return Qos(
-        history=QosHistory[profile.history.name],
+    return interfaces.Qos(
+        history=interfaces.QosHistory[profile.history.name],
         depth=profile.depth,
-        reliability=QosReliability[profile.reliability.name],
-        durability=QosDurability[profile.durability.name],
+        reliability=interfaces.QosReliability[profile.reliability.name],
+        durability=interfaces.QosDurability[profile.durability.name],
         deadline=_qos_time(profile.deadline),
         lifespan=_qos_time(profile.lifespan),
-        liveliness=QosLiveliness[profile.liveliness.name],
+        liveliness=interfaces.QosLiveliness[profile.liveliness.name],
         liveliness_lease_duration=_qos_time(profile.liveliness_lease_duration),
         avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
     )
 
 
-def _qos_time(duration: Duration) -> QosTime:
-    return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
+def _qos_time(duration: Duration) -> interfaces.QosTime:
+    return interfaces.QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -4,27 +4,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from annik_core.errors import AnnikError
+from msg_tools import topics
 from msg_tools.bags.reader import Bag
-from msg_tools.topics import (
-    ACCEPTED_TARGET,
-    ACHIEVED_POSE,
-    JOINT_COMMAND,
-    ORIENTATION_ERROR,
-    POSITION_ERROR,
-    TARGET_POSE,
-    TARGET_POSE_STAMPED,
-    Topic,
-)
 
 # Without joint_states, which robots without annik publish too.
-_SOLVER_TOPICS = (ACCEPTED_TARGET, JOINT_COMMAND)
+_SOLVER_TOPICS = (topics.ACCEPTED_TARGET, topics.JOINT_COMMAND)
 _ROBOT_TOPICS = (
     *_SOLVER_TOPICS,
-    TARGET_POSE,
-    TARGET_POSE_STAMPED,
-    ACHIEVED_POSE,
-    POSITION_ERROR,
-    ORIENTATION_ERROR,
+    topics.TARGET_POSE,
+    topics.TARGET_POSE_STAMPED,
+    topics.ACHIEVED_POSE,
+    topics.POSITION_ERROR,
+    topics.ORIENTATION_ERROR,
 )
 
 
@@ -64,10 +55,10 @@ def robot_namespace(bag: Bag, wanted: str | None = None) -> str:
     return namespaces[0] if namespaces else "/"
 
 
-def _namespaces_with(bag: Bag, topics: tuple[Topic, ...]) -> tuple[str, ...]:
+def _namespaces_with(bag: Bag, wanted: tuple[topics.Topic, ...]) -> tuple[str, ...]:
     found = set()
     for name in bag.topics:
-        for topic in topics:
+        for topic in wanted:
             if name.endswith("/" + topic.name):
                 found.add(name[: -len(topic.name)].rstrip("/") or "/")
     return tuple(sorted(found))

@@ -13,21 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from annik_core.errors import ConversionError
 from annik_core.pose import FloatArray, TrackingError, checked_pose, tracking_error
+from msg_tools import topics
 from msg_tools.bags.reader import Bag, BagRecord
 from msg_tools.report.matching import TimedPose, match_targets
 from msg_tools.report.namespace import robot_namespace
 from msg_tools.report.refusals import refusal_counts
-from msg_tools.topics import (
-    ACCEPTED_TARGET,
-    ACHIEVED_POSE,
-    DIAGNOSTICS,
-    JOINT_COMMAND,
-    ORIENTATION_ERROR,
-    POSITION_ERROR,
-    TARGET_POSE,
-    TARGET_POSE_STAMPED,
-    TOPICS,
-)
 
 #: Recorded and recomputed tracking errors may differ by this much [m and rad].
 ERROR_AGREEMENT: Final = 1e-9
@@ -149,7 +139,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         topic.name: topic.name
         if topic.name.startswith("/")
         else f"{chosen.rstrip('/')}/{topic.name}"
-        for topic in TOPICS
+        for topic in topics.TOPICS
     }
     records: dict[str, list[BagRecord]] = defaultdict(list)
     by_name = {name: topic for topic, name in names.items()}
@@ -158,8 +148,8 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
     notes = [f"The bag is damaged. {fault}." for fault in bag.damage]
 
     pairs, ambiguous = _pairs(records, bag, notes)
-    sent = len(records[TARGET_POSE.name]) + len(records[TARGET_POSE_STAMPED.name])
-    answered = len(records[JOINT_COMMAND.name])
+    sent = len(records[topics.TARGET_POSE.name]) + len(records[topics.TARGET_POSE_STAMPED.name])
+    answered = len(records[topics.JOINT_COMMAND.name])
     if not pairs:
         notes.insert(0, _why_no_pairs(records, names, sent, answered))
     if answered > sent:
@@ -168,7 +158,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
             "not all targets were recorded."
         )
     unanswered = max(0, sent - answered)
-    by_time = sorted(records[DIAGNOSTICS.name], key=lambda record: record.log_time_ns)
+    by_time = sorted(records[topics.DIAGNOSTICS.name], key=lambda record: record.log_time_ns)
     counts = refusal_counts((record.message for record in by_time), chosen)
     if counts is None and unanswered:
         notes.append(
@@ -224,9 +214,9 @@ def _pairs(
     records: dict[str, list[BagRecord]], bag: Bag, notes: list[str]
 ) -> tuple[list[_Pair], int]:
     """Accepted targets with their achieved poses, by stamp; how many latencies are ambiguous."""
-    accepted = _by_stamp(records[ACCEPTED_TARGET.name], "accepted targets", notes)
-    achieved = _by_stamp(records[ACHIEVED_POSE.name], "achieved poses", notes)
-    commands = _by_stamp(records[JOINT_COMMAND.name], "commands", notes)
+    accepted = _by_stamp(records[topics.ACCEPTED_TARGET.name], "accepted targets", notes)
+    achieved = _by_stamp(records[topics.ACHIEVED_POSE.name], "achieved poses", notes)
+    commands = _by_stamp(records[topics.JOINT_COMMAND.name], "commands", notes)
     latencies = _latencies(records, accepted, commands, bag)
     pairs = []
     invalid = 0
@@ -267,11 +257,11 @@ def _latencies(
 
     sent = [
         TimedPose(record.topic, time(record), _pose(record.message))
-        for record in records[TARGET_POSE.name]
+        for record in records[topics.TARGET_POSE.name]
     ]
     sent += [
         TimedPose(record.topic, time(record), _pose(record.message.pose))
-        for record in records[TARGET_POSE_STAMPED.name]
+        for record in records[topics.TARGET_POSE_STAMPED.name]
     ]
     stamps = sorted(accepted.keys() & commands.keys())
     answers = [
@@ -292,8 +282,8 @@ def _latencies(
 def _recorded_error_difference(
     pairs: Sequence[_Pair], records: dict[str, list[BagRecord]], notes: list[str]
 ) -> tuple[float, float] | None:
-    positions = _by_stamp(records[POSITION_ERROR.name], "position errors", notes)
-    orientations = _by_stamp(records[ORIENTATION_ERROR.name], "orientation errors", notes)
+    positions = _by_stamp(records[topics.POSITION_ERROR.name], "position errors", notes)
+    orientations = _by_stamp(records[topics.ORIENTATION_ERROR.name], "orientation errors", notes)
     both = [pair for pair in pairs if pair.stamp in positions and pair.stamp in orientations]
     if not both:
         if pairs:
@@ -351,17 +341,16 @@ def _why_no_pairs(
 ) -> str:
     if sent and not answered:
         return f"There is nothing to compare: none of {sent} targets has a command."
-    needed = (ACCEPTED_TARGET, ACHIEVED_POSE)
+    needed = (topics.ACCEPTED_TARGET, topics.ACHIEVED_POSE)
     missing = [names[topic.name] for topic in needed if not records[topic.name]]
     if missing:
         return (
             f"There is nothing to compare: the bag holds no message on {' and '.join(missing)}. "
             "Record them too, with bag_recorder or 'ros2 bag record'."
         )
+    counts = [f"{names[topic.name]} ({len(records[topic.name])} messages)" for topic in needed]
     return (
-        f"There is nothing to compare: {names[ACCEPTED_TARGET.name]} "
-        f"({len(records[ACCEPTED_TARGET.name])} messages) and {names[ACHIEVED_POSE.name]} "
-        f"({len(records[ACHIEVED_POSE.name])} messages) share no stamp with a valid pose. "
+        f"There is nothing to compare: {' and '.join(counts)} share no stamp with a valid pose. "
         "The achieved pose must carry the stamp of its command."
     )
 
