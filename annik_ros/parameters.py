@@ -140,6 +140,11 @@ def parameter(default: Value, description: str, *, read_only: bool = True, **how
     return setting(default, description, read_only=read_only, **how)
 
 
+def changeable(default: Value, description: str, **how: Any) -> Value:
+    """A :func:`parameter` that may be set while the node runs."""
+    return setting(default, description, read_only=False, **how)
+
+
 def parameters_of(
     settings: type[Settings], *, read_only: bool = True, names: Mapping[str, str] | None = None
 ) -> Settings:

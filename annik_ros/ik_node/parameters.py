@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from annik_core.safety import AcceptanceLimits, CommandSafety
 from annik_core.solver.ik_solver import IkSolver, SolverMode
 from annik_core.solver.options import RefinementOptions
-from annik_ros.parameters import ExecutorChoice, parameter, parameters_of
+from annik_ros.parameters import ExecutorChoice, changeable, parameter, parameters_of
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
@@ -27,37 +27,33 @@ class OnRefusal(Enum):
 class IkNodeParameters:
     """Parameters of ``ik_node``."""
 
-    model: str = parameter(
+    model: str = changeable(
         "",
         "Path of the model file, or name of a packaged model; empty: the packaged gantry model. A "
         "change takes effect when ~/reload_model is called.",
-        read_only=False,
     )
-    mode: SolverMode = parameter(
+    mode: SolverMode = changeable(
         SolverMode.AUTO,
         "How a target is solved. network: by the network alone, as in the paper; refined: the "
         "network's joint positions are refined on the forward kinematics inside the joint box; "
         "auto: refined for an arm, network for the gantry.",
-        read_only=False,
     )
     refinement: RefinementOptions = parameters_of(
         RefinementOptions, read_only=False, names={"tolerance": "refinement_tolerance"}
     )
-    seed_from_previous: bool = parameter(
+    seed_from_previous: bool = changeable(
         False,
         "Start the refinement from the previous command where its pose is nearer to the target "
         "than that of the network's joint positions. true: a solution may depend on previous "
         "targets; false: on its target alone.",
-        read_only=False,
     )
     acceptance_limits: AcceptanceLimits = parameters_of(AcceptanceLimits, read_only=False)
     command_safety: CommandSafety = parameters_of(CommandSafety, read_only=False)
-    measurement_timeout: float = parameter(
+    measurement_timeout: float = changeable(
         0.5,
         "How long the measured position of a joint counts after its arrival.",
         unit="s",
         within=(1e-3, 3600.0),
-        read_only=False,
     )
     transform_timeout: float = parameter(
         1.0,
@@ -66,32 +62,27 @@ class IkNodeParameters:
         unit="s",
         within=(0.0, 3600.0),
     )
-    on_refusal: OnRefusal = parameter(
+    on_refusal: OnRefusal = changeable(
         OnRefusal.SILENT,
         "What is published for a refused target. silent: nothing; hold: the last command again, "
         "with a new stamp, for controllers that stop without one.",
-        read_only=False,
     )
-    publish_joint_trajectory: bool = parameter(
-        False,
-        "Publish each command on joint_trajectory too, as a trajectory of one point.",
-        read_only=False,
+    publish_joint_trajectory: bool = changeable(
+        False, "Publish each command on joint_trajectory too, as a trajectory of one point."
     )
-    publish_position_commands: bool = parameter(
-        False, "Publish each command on position_commands too.", read_only=False
+    publish_position_commands: bool = changeable(
+        False, "Publish each command on position_commands too."
     )
-    trajectory_interval: float = parameter(
+    trajectory_interval: float = changeable(
         0.1,
         "Time from one point of a trajectory to the next, and to the first.",
         unit="s",
         within=(1e-3, 1000.0),
-        read_only=False,
     )
-    max_path_poses: int = parameter(
+    max_path_poses: int = changeable(
         1000,
         "Most poses in target_poses, which bounds the time of its solution; other targets wait.",
         within=(1, 1_000_000),
-        read_only=False,
     )
     queue_depth: int = parameter(
         1,
