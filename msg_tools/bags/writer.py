@@ -12,16 +12,7 @@ from rosbags.interfaces import Qos
 
 from annik_core.errors import NotWritable
 from annik_core.files import write_files_atomically
-from msg_tools.bags.metadata import (
-    METADATA_FILE,
-    RecordedSpan,
-    RecordedTopic,
-    bag_information,
-    is_known_type,
-    jazzy_types,
-    qos_text,
-    yaml_text,
-)
+from msg_tools.bags import metadata
 from msg_tools.bags.provisional_end import LIBRARY, ClosedMcapFile
 
 #: Messages are written to the file after so many bytes or so many seconds.
@@ -46,10 +37,10 @@ class BagWriter:
         """
         self._directory = directory
         self._file_name = f"{directory.absolute().name}_0.mcap"
-        self._topics: dict[str, RecordedTopic] = {}
+        self._topics: dict[str, metadata.RecordedTopic] = {}
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._span = RecordedSpan()
+        self._span = metadata.RecordedSpan()
         self._unflushed = 0
         self._flushed_at = time.monotonic()
         self._metadata_at = 0.0
@@ -112,14 +103,14 @@ class BagWriter:
                     "a topic of a bag has one type",
                 )
             return
-        if not is_known_type(message_type):
+        if not metadata.is_known_type(message_type):
             raise NotWritable(
                 self._directory,
                 f"topic {name} has the unknown type {message_type}",
                 "record types that come with ROS 2 Jazzy",
             )
         if message_type not in self._schemas:
-            definition, _ = jazzy_types().generate_msgdef(message_type, ros_version=2)
+            definition, _ = metadata.jazzy_types().generate_msgdef(message_type, ros_version=2)
             self._schemas[message_type] = self._writer.register_schema(
                 message_type, "ros2msg", definition.encode()
             )
@@ -128,11 +119,11 @@ class BagWriter:
             "cdr",
             self._schemas[message_type],
             {
-                "offered_qos_profiles": qos_text(offered_qos),
-                "topic_type_hash": jazzy_types().hash_rihs01(message_type),
+                "offered_qos_profiles": metadata.qos_text(offered_qos),
+                "topic_type_hash": metadata.jazzy_types().hash_rihs01(message_type),
             },
         )
-        self._topics[name] = RecordedTopic(name, message_type, tuple(offered_qos))
+        self._topics[name] = metadata.RecordedTopic(name, message_type, tuple(offered_qos))
         with self._failing_for_good():
             self._write_metadata()
 
@@ -183,7 +174,7 @@ class BagWriter:
         with self._failing_for_good():
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._writer.add_metadata(
-                "rosbag2", {"serialized_metadata": yaml_text(self._information())}
+                "rosbag2", {"serialized_metadata": metadata.yaml_text(self._information())}
             )
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close(with_own_end=True)
@@ -204,11 +195,11 @@ class BagWriter:
             )
 
     def _information(self) -> Mapping[str, Any]:
-        return bag_information(self._file_name, list(self._topics.values()), self._span)
+        return metadata.bag_information(self._file_name, list(self._topics.values()), self._span)
 
     def _write_metadata(self) -> None:
-        text = yaml_text({"rosbag2_bagfile_information": self._information()})
-        write_files_atomically(self._directory, {METADATA_FILE: text.encode()})
+        text = metadata.yaml_text({"rosbag2_bagfile_information": self._information()})
+        write_files_atomically(self._directory, {metadata.METADATA_FILE: text.encode()})
         self._metadata_at = time.monotonic()
 
     def _refuse_if_broken(self) -> None:
