@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 NODE_NAME = "ik_node"
 
 Content = TypeVar("Content")
+_Read = Callable[[bytes], StampedPoses]
 
 #: Time from one look whether a model is loaded to the next [s].
 RELOAD_POLL = 0.02
@@ -291,14 +292,9 @@ class IkNode(ManagedNode):
         self._refused(serving, refusal)
         return None
 
-    def _in_base_frame(
-        self, read: Callable[[bytes], StampedPoses]
-    ) -> Callable[[bytes], StampedPoses]:
+    def _in_base_frame(self, read: _Read) -> _Read:
         """Read a message as ``read`` does, and transform its poses; may raise NoTransform."""
-        serving = self._serving
-        if serving is None:
-            return read
-        base_frame = serving.server.solver.robot.base_frame
+        base_frame = self._serving.server.solver.robot.base_frame if self._serving else ""
         return lambda data: self._frames.in_base_frame(read(data), base_frame)
 
     def _age(self, target: StampedPoses) -> float:

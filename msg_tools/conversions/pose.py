@@ -2,15 +2,7 @@
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (
-    Point,
-    Pose,
-    PoseStamped,
-    Quaternion,
-    Transform,
-    TransformStamped,
-    Vector3,
-)
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Transform, TransformStamped
 from numpy.typing import ArrayLike
 from std_msgs.msg import Header
 
@@ -58,6 +50,8 @@ def transform_stamped_from_array(
 ) -> TransformStamped:
     """The transform from a frame to a child with the pose ``(7,)`` in it."""
     stamped = pose_stamped_from_array(pose, stamp, frame_id)
-    p, q = stamped.pose.position, stamped.pose.orientation
-    transform = Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=q)
-    return TransformStamped(header=stamped.header, child_frame_id=child, transform=transform)
+    message = TransformStamped(header=stamped.header, child_frame_id=child)
+    p, translation = stamped.pose.position, message.transform.translation
+    translation.x, translation.y, translation.z = p.x, p.y, p.z
+    message.transform.rotation = stamped.pose.orientation
+    return message
