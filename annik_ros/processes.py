@@ -26,12 +26,8 @@ class ChildProcess:
                 env=dict(environment),
                 start_new_session=True,
             )
+            self.pid = self.process.pid
             running.append(self)
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self.process.pid
 
     def __enter__(self) -> "ChildProcess":
         return self
@@ -43,7 +39,7 @@ class ChildProcess:
         """End the process group: by SIGTERM, then by SIGKILL."""
         for signal_number in (signal.SIGTERM, signal.SIGKILL):
             try:
-                os.killpg(self.process.pid, signal_number)
+                os.killpg(self.pid, signal_number)
                 self.process.wait(3.0)
             except (ProcessLookupError, PermissionError):
                 break

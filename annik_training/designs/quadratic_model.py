@@ -31,11 +31,6 @@ def term_values(rows: Sequence[Sequence[int]]) -> ExactMatrix:
     return DomainMatrix(values, (len(values), len(terms)), ZZ)
 
 
-def quadratic_rank(rows: Sequence[Sequence[int]]) -> int:
-    """Number of terms that are linearly independent on integer rows ``(n, dof)``."""
-    return int(_square(term_values(rows)).rank())
-
-
 def vanishing_combinations(rows: Sequence[Sequence[int]]) -> ExactMatrix:
     """Coefficients ``(k, terms)`` of quadratics that are zero on all integer rows ``(n, dof)``.
 

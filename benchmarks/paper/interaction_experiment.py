@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from annik_training.designs.quadratic_model import quadratic_rank
+from annik_training.designs.quadratic_model import quadratic_terms, vanishing_combinations
 from annik_training.designs.registry import make_design
 from benchmarks.jobs.fit_job import FitJob, FitOutcome, one_start
 from benchmarks.study.training_options import TRAINING_OPTIONS
@@ -65,6 +65,11 @@ def nonzero_examples() -> dict[str, int]:
         )
         for design in DESIGNS
     }
+
+
+def quadratic_rank(rows: Sequence[Sequence[int]]) -> int:
+    """Number of terms of the quadratic model that are independent on integer rows ``(n, dof)``."""
+    return len(quadratic_terms(len(rows[0]))) - int(vanishing_combinations(rows).shape[0])
 
 
 def exact_ranks(steps: Sequence[int]) -> dict[str, dict[int, int]]:

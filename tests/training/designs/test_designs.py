@@ -18,7 +18,6 @@ from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_training.designs.central_composite_design import central_composite_design
 from annik_training.designs.quadratic_model import (
-    quadratic_rank,
     quadratic_terms,
     vanishing_combinations,
 )
@@ -29,6 +28,7 @@ from annik_training.designs.thirty_phase_plus_design import (
     thirty_phase_plus_design,
 )
 from annik_training.errors import UnsupportedRobot
+from benchmarks.paper.interaction_experiment import quadratic_rank
 from docs.update_docs import describe_phases
 
 MIN, MED, MAX = 20, 35, 50
