@@ -31,7 +31,10 @@ from annik_training.calibration import errors
 from annik_training.calibration.calibrate import (
     CalibratedRobot,
     CalibrationOptions,
+    Candidate,
+    _chosen,
     calibrate,
+    estimated_noise,
 )
 from annik_training.calibration.errors import (
     DegenerateExamples,
@@ -43,6 +46,8 @@ from annik_training.calibration.errors import (
     UnexplainedMeasurements,
 )
 from annik_training.calibration.model import Part
+from annik_training.calibration.observations import Noise
+from annik_training.calibration.uncertainty import error_bound_of
 from annik_training.calibration.validation import REGIONS, evaluate_measured
 from annik_training.cli.calibrate import calibration_summary
 from annik_training.cli.evaluate import evaluation_summary
@@ -214,6 +219,39 @@ class TestWhatIsSaid:
             assert bound.mean() < 5.0 * np.quantile(error, 0.95)
 
 
+@pytest.mark.parametrize(
+    ("scores", "chosen"),
+    [((1.5, 1.05, 1.0), 1), ((1.5, 1.2, 1.0), 2), ((1.125, 1.0, 1.2), 0), ((1.0, 1.0), 0)],
+)
+def test_the_simplest_within_a_standard_error_of_the_best_is_chosen(
+    scores: tuple[float, ...], chosen: int
+) -> None:
+    assert _chosen(tuple(Candidate(frozenset(), 1, score, 0.125) for score in scores)) == chosen
+
+
+@pytest.mark.slow
+def test_the_known_noise_is_the_least(from_fifty: CalibratedRobot) -> None:
+    found = estimated_noise(from_fifty.estimate, None)
+    larger = Noise(2.0 * found.position, 3.0 * found.orientation)
+    assert estimated_noise(from_fifty.estimate, (larger.position, larger.orientation)) == larger
+    smaller = (0.5 * found.position, 0.5 * found.orientation)
+    assert estimated_noise(from_fifty.estimate, smaller) == found
+
+
+@pytest.mark.slow
+def test_residuals_beyond_the_noise_of_the_measurements_widen_the_error_bound(
+    from_fifty: CalibratedRobot,
+) -> None:
+    """They are errors of the robot then."""
+    estimate, centre = from_fifty.estimate, UR5E.joint_box.centre
+    explained, unexplained = (
+        error_bound_of(estimate, noise, np.random.default_rng(0)).at(centre)
+        for noise in (estimate.noise, Noise(0.0, 0.0))
+    )
+    assert unexplained[0] > 1.5 * explained[0]
+    assert unexplained[1] > 1.5 * explained[1]
+
+
 @pytest.mark.slow
 def test_gross_outliers_are_found_and_do_no_harm(from_fifty: CalibratedRobot) -> None:
     """A reflection, a marker that slipped, another row's orientation."""
@@ -254,6 +292,15 @@ class TestRefusals:
         order = np.random.default_rng(0).permutation(20)
         with pytest.raises(UnexplainedMeasurements, match=r"check that .* belong together"):
             calibrate(UR5E, with_poses(dataset, dataset.poses[order]), QUICK)
+
+    def test_too_few_without_the_outliers(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        outliers = np.arange(12) >= 8
+        module = "annik_training.calibration.calibrate"
+        monkeypatch.setattr(f"{module}.find_outliers", lambda *_: outliers)
+        with pytest.raises(TooFewMeasurements) as caught:
+            calibrate(UR5E, measured_ur5e(TRUTH, 12), QUICK)
+        assert (caught.value.examples, caught.value.least) == (8, 9)
+        assert "besides 4 outliers" in str(caught.value)
 
     def test_poses_that_only_another_robot_explains(self) -> None:
         longer = replace(TRUTH, lengths=TRUTH.lengths + np.array([0.0, 0.1, 0, 0, 0, 0]))
