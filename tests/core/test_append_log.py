@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,18 @@ def test_records_are_read_back_and_appended_to(path: Path) -> None:
         log.append({"c": 2})
         log.reload()
         assert log.records == (*RECORDS, {"c": 2})
+
+
+def test_a_record_is_on_the_disk_before_append_returns(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not only handed to the operating system, which a loss of power would not survive."""
+    at_sync: list[bytes] = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: at_sync.append(path.read_bytes()))
+    with AppendLog(path) as log:
+        log.append({"c": 2})
+        assert at_sync[-1] == path.read_bytes()
+        assert b'"c": 2' in at_sync[-1]
 
 
 def test_an_incomplete_last_line_is_removed(path: Path) -> None:
