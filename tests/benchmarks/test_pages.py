@@ -10,7 +10,9 @@ import pytest
 from click import Command
 from click.testing import CliRunner
 
-from benchmarks.command_line import DOCS
+from annik_core.errors import NotWritable
+from benchmarks import learn_robot
+from benchmarks.command_line import DOCS, output_folders, write_results
 from benchmarks.conditions import Conditions
 from benchmarks.ik.command import ik
 from benchmarks.ik.results import BenchResults
@@ -59,3 +61,22 @@ def test_conditions_are_one_sentence() -> None:
     assert "a middleware, numpy " in sentence
     assert "no-such-library" not in sentence
     assert sentence.endswith(".") and "\n" not in sentence
+
+
+def test_the_folders_of_a_benchmark_are_made_and_checked(tmp_path: Path) -> None:
+    out, docs = tmp_path / "out", tmp_path / "docs"
+    assert output_folders(out, docs, "images") == [out, docs / "images"]
+    assert (docs / "images").is_dir()
+    write_results([out, docs / "images"], {"a.md": "text", "a.png": b"\x89"})
+    assert (docs / "images" / "a.png").read_bytes() == b"\x89"
+    assert (out / "a.md").read_text(encoding="utf-8") == "text"
+
+
+def test_learn_robot_measures_nothing_for_a_folder_that_can_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learn_robot, "_robots", None)
+    (tmp_path / "file").touch()
+    arguments = ["--quick", "--out", str(tmp_path / "file" / "out")]
+    with pytest.raises(NotWritable):
+        learn_robot.learn_robot.main(arguments, standalone_mode=False)
