@@ -292,7 +292,7 @@ def stopped_twice(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str
         processes[1].wait_for_exit()
         seen["killed_lines"] = (folder / "results.jsonl").read_bytes().count(b"\n")
 
-        command = long_study(folder, 2)
+        command = long_study(folder, 1)
         last = run_python(*command, environment=ONE_THREAD, patience=LONG_PATIENCE)
         assert last.returncode == 0, last.stderr
         seen["last_says"] = last.stderr
@@ -331,7 +331,7 @@ def test_kill_9_loses_nothing_and_nothing_is_run_again(stopped_twice: dict[str, 
 def test_a_stopped_study_finds_what_one_that_was_not_finds(
     stopped_twice: dict[str, Any], tmp_path: Path
 ):
-    command = long_study(tmp_path, 2)
+    command = long_study(tmp_path, 1)
     last = run_python(*command, environment=ONE_THREAD, patience=LONG_PATIENCE)
     assert last.returncode == 0, last.stderr
     assert summary(stopped_twice["folder"]) == summary(tmp_path)
