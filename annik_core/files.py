@@ -30,11 +30,14 @@ def open_regular_file(path: Path) -> BinaryIO:
         ValueError: if no file could have this path.
     """
     # Opening a pipe would wait for one that writes to it.
-    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
-    return file
+    return os.fdopen(descriptor, "rb")
 
 
 def read_regular_file(path: Path, most: int) -> bytes:
