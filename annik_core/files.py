@@ -29,15 +29,16 @@ def open_regular_file(path: Path) -> BinaryIO:
         OSError: if it can't be opened, or is a folder, a pipe or a device.
         ValueError: if no file could have this path.
     """
-    # Opening a pipe would wait for one that writes to it.
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    mode = os.fstat(descriptor).st_mode
-    if not stat.S_ISREG(mode):
-        os.close(descriptor)
-        if stat.S_ISDIR(mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    file = open(path, "rb", opener=_open_without_waiting)  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
         raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
-    return os.fdopen(descriptor, "rb")
+    return file
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    # Otherwise opening a pipe waits for a process that writes to it.
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_regular_file(path: Path, most: int) -> bytes:
