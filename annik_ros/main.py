@@ -3,15 +3,19 @@
 Imports next to nothing before the signals are taken, and says in one line what is not installed.
 """
 
+import signal
 import sys
 from functools import partial
 from importlib import import_module
 
-from annik_ros.signals import END_SIGNALS
+# They wait until they are taken: amid an import they would be a traceback.
+signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
 
 
 def run(name: str) -> int:
     """Run a node by its name; returns the exit code."""
+    from annik_ros.signals import END_SIGNALS
+
     END_SIGNALS.take(name)
     try:
         main = import_module(f"annik_ros.{name}.node").main

@@ -427,11 +427,8 @@ def test_poses_of_no_use_are_refused_and_counted_and_all_is_reported_as_document
 
     def used() -> dict[str, str]:
         return {
-            name: types[0]
-            for name, types in (
-                *client.node.get_publisher_names_and_types_by_node("example_collector", "/"),
-                *client.node.get_subscriber_names_and_types_by_node("example_collector", "/"),
-            )
+            name: kind
+            for name, kind in client.topics_of("example_collector").items()
             if name not in ("/rosout", "/parameter_events")
         }
 

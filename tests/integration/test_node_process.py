@@ -183,8 +183,8 @@ def test_a_missing_library_is_one_line(
 
 #: What Python prints of a SIGINT that it loses in a callback, before our code takes signals.
 LOST = re.compile(r"Exception ignored in: .*\n(Traceback .*\n(  .*\n)+)?KeyboardInterrupt: ?\n")
-#: A frame of ours, other than those of the modules that are loaded until signals are taken.
-OURS = re.compile(r'/annik_ros/(?!(__init__|main|signals)\.py", line \d+, in <module>)')
+#: A frame of ours, other than those of the modules that are loaded until signals wait.
+OURS = re.compile(r'/annik_ros/(?!(__init__|main)\.py", line \d+, in <module>)')
 
 
 def _check_end(process: Process, *sent: signal.Signals) -> None:

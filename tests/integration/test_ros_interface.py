@@ -73,13 +73,9 @@ def test_both_nodes_have_the_topics_and_services_that_are_documented(
     client.connect(TARGET, "tracking_error/position")
     documented = {f"/{topic.name.lstrip('/')}": topic.type for topic in TOPICS}
     for node in ("ik_node", "fake_robot"):
-        used = [
-            *client.node.get_publisher_names_and_types_by_node(node, "/"),
-            *client.node.get_subscriber_names_and_types_by_node(node, "/"),
-        ]
         own = {
-            name: types[0]
-            for name, types in used
+            name: kind
+            for name, kind in client.topics_of(node).items()
             if name not in ("/rosout", "/parameter_events", "/ik_node/transition_event")
             # Where tf2 is installed.
             and name not in ("/tf", "/tf_static")

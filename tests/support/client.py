@@ -86,6 +86,18 @@ class Client:
         messages = self.received.setdefault(topic, [])
         self.node.create_subscription(message_type, topic, messages.append, QoSProfile(depth=1000))
 
+    def topics_of(self, node: str) -> dict[str, str]:
+        """The topics that a node publishes or subscribes to, with their types, discovered so far.
+
+        Its topics may be discovered before its name, which is waited for.
+        """
+        self.wait_until(lambda: node in self.node.get_node_names(), f"the name of {node}")
+        used = (
+            *self.node.get_publisher_names_and_types_by_node(node, "/"),
+            *self.node.get_subscriber_names_and_types_by_node(node, "/"),
+        )
+        return {name: types[0] for name, types in used}
+
     def wait_until(
         self, condition: Callable[[], object], what: str, patience: float = PATIENCE
     ) -> None:
