@@ -32,10 +32,13 @@ def start(domain: int, tmp_path: Path) -> Iterator[Callable[..., Process]]:
 
     def start(node: str, *arguments: str, code: str | None = None) -> Process:
         command = ["-c", code] if code else ["-m", "annik_ros.main", node]
+        # Two bags of one second would have one name.
+        folder = tmp_path / str(len(started))
+        folder.mkdir()
         process = Process(
             *(sys.executable, *command, *arguments),
             log=tmp_path / f"{len(started)}_{node}.log",
-            cwd=tmp_path,
+            cwd=folder,
             environment={"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)},
         )
         started.append(process)
