@@ -212,7 +212,9 @@ class Soak:
 
     def _count_from_here(self) -> None:
         """Begin to count, when no target is on its way."""
-        # The first report may have been made before the last target, and delivered after it.
+        # Reports may have waited to be taken. After these, the first may have been made before the
+        # last target, and delivered after it.
+        self._client.take_messages(1.0)
         for _ in range(2):
             _, values = self._client.wait_for_status(
                 "ik_node", lambda values: "targets received" in values, "counts"
