@@ -106,7 +106,7 @@ def _new_folder(name: str, text: str) -> str:
     folder = expanded(text)
     if text and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InvalidValue(name, text, "a folder that is new or empty")
-    return text
+    return _path(name, text)
 
 
 def _namespace(name: str, text: str) -> str:
@@ -135,14 +135,15 @@ def _remappings(name: str, text: str) -> list[tuple[str, str]]:
     return [(pair[1], pair[2]) for pair in pairs if pair]
 
 
-def _any_text(_: str, text: str) -> str:
-    return text
+def _path(_: str, text: str) -> str:
+    # launch expands no ~, and starts nodes without a file that it does not find.
+    return str(expanded(text)) if text else text
 
 
 ARGUMENTS: Mapping[str, Argument] = {
     "model": Argument("", "model file, or name of a packaged model", _model),
     "namespace": Argument("", "namespace of all nodes and topics", _namespace),
-    "params_file": Argument("", "file of parameters; arguments take precedence", _any_text),
+    "params_file": Argument("", "file of parameters; arguments take precedence", _path),
     "remappings": Argument("", "remapped names: FROM:=TO, separated by spaces", _remappings),
     "use_sim_time": Argument("", "true: the clock is /clock", _truth),
     "autostart": Argument("", "false: wait for lifecycle transitions", _truth),
@@ -152,7 +153,7 @@ ARGUMENTS: Mapping[str, Argument] = {
         f"path to follow: {', '.join(kind.value for kind in PathKind)}; see target_publisher",
         _setting,
     ),
-    "csv_file": Argument("", "file of targets, for path:=csv", _any_text),
+    "csv_file": Argument("", "file of targets, for path:=csv", _path),
     "rate": Argument("50.0", "targets a second", _setting),
     "loops": Argument("1", "times to follow the path; 0: without end", _setting),
     "bag": Argument("", "folder of a bag to record; empty: none", _new_folder),

@@ -94,7 +94,9 @@ def _branches(robot: Robot, box: JointLimits) -> str:
     start = ends[np.argmax(np.linalg.svd(_scaled_jacobians(robot, ends, box))[1][:, -1])]
     lines = start + (ends - start)[:, np.newaxis] * np.linspace(0.0, 1.0, steps)[:, np.newaxis]
     determinants = _determinants(robot, lines, box)
-    beyond = np.mean(determinants[:, -1] * determinants[:, 0] < 0.0)
+    products = determinants[:, -1] * determinants[:, 0]
+    # NaN: not followed to its end.
+    beyond = np.mean(products[~np.isnan(products)] < 0.0)
     leading = []
     for joint in box.free:
         lines = np.repeat(_sample(box, _LINES)[:, np.newaxis], _STEPS, axis=1)

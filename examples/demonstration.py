@@ -49,6 +49,8 @@ def ended_by_signals() -> Iterator[None]:
     try:
         yield
     finally:
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
         for process in tuple(running):
             process.end()
 

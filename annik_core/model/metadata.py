@@ -20,8 +20,6 @@ from annik_core.safety import AcceptanceLimits
 
 FORMAT_VERSION = "2"
 SUPPORTED_VERSIONS = (FORMAT_VERSION,)
-#: What ``annik convert`` reads.
-CONVERTIBLE_VERSION = "1"
 _PREFIX = "annik."
 #: Most reference poses, which are solved one by one when a file is loaded; annik writes 8.
 MAX_REFERENCES = 64
@@ -97,9 +95,7 @@ class ModelMetadata:
         """
         version = _entry(properties, "format_version", path)
         if version not in SUPPORTED_VERSIONS:
-            raise UnsupportedFormat(
-                path, str(version), SUPPORTED_VERSIONS, convertible=version == CONVERTIBLE_VERSION
-            )
+            raise UnsupportedFormat(path, str(version), SUPPORTED_VERSIONS)
         values = {key: _entry(properties, key, path) for key in _KINDS}
         for key, kind in _KINDS.items():
             if not isinstance(values[key], kind) or isinstance(values[key], bool):
@@ -194,7 +190,7 @@ def quality_of(evaluation: Mapping[str, Any]) -> Quality:
     )
     # Rounded down, so that 100 % are all.
     told = [
-        f"{math.floor(1e4 * part + 1e-9) / 100:g} % {what}"
+        f"{math.floor(1e4 * min(max(part, 0.0), 1.0) + 1e-9) / 100:g} % {what}"
         for part, what in (
             (solved, "of random poses solved"),
             (same, "by the joint positions that they were made from"),

@@ -5,7 +5,6 @@ import time
 from collections.abc import Sequence
 from datetime import datetime
 from importlib import import_module
-from pathlib import Path
 from typing import Final
 
 from rclpy.clock import Clock, ClockType
@@ -20,12 +19,13 @@ from rclpy.validate_topic_name import validate_topic_name
 from rosbags import interfaces
 
 from annik_core.errors import AnnikError, NotWritable, one_line
+from annik_core.files import expanded
 from annik_ros.bag_recorder.parameters import BagRecorderParameters
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.run_node import run_node
 from msg_tools.bags.metadata import is_known_type
 from msg_tools.bags.writer import FLUSH_INTERVAL, BagWriter
-from msg_tools.topics import TOPICS
+from msg_tools.topics import ROBOT_DESCRIPTION, TOPICS
 
 NODE_NAME: Final = "bag_recorder"
 
@@ -59,7 +59,7 @@ class BagRecorder(Node):
         self._waiting = {self._resolved(name): _TYPES.get(name) for name in options.topics}
         self._duration = options.duration
         default_output = f"annik_bag_{datetime.now():%Y-%m-%d_%H-%M-%S}"
-        self._writer = BagWriter(Path(options.output or default_output))
+        self._writer = BagWriter(expanded(options.output or default_output))
         # A steady clock: simulated or changed time must not stop the flushing.
         self._timer = self.create_timer(
             FLUSH_INTERVAL, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -136,7 +136,10 @@ class BagRecorder(Node):
             topic,
             # With a second argument rclpy passes the times of the message too.
             lambda message, info: self._on_message(topic, message, info),
-            _subscription_qos(self.get_publishers_info_by_topic(topic)),
+            _subscription_qos(
+                self.get_publishers_info_by_topic(topic),
+                latched=topic == self._resolved(ROBOT_DESCRIPTION.name),
+            ),
             event_callbacks=events,
             raw=True,
         )
@@ -181,13 +184,12 @@ def _message_class(message_type: str) -> type[object]:
     return message_class
 
 
-def _subscription_qos(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """The strictest quality of service that all publishers can serve."""
+def _subscription_qos(publishers: Sequence[TopicEndpointInfo], *, latched: bool) -> QoSProfile:
+    """The strictest quality of service that all publishers can serve; ``latched`` if unknown."""
     profiles = [publisher.qos_profile for publisher in publishers]
     best_effort = any(x.reliability == ReliabilityPolicy.BEST_EFFORT for x in profiles)
-    latched = bool(profiles) and all(
-        x.durability == DurabilityPolicy.TRANSIENT_LOCAL for x in profiles
-    )
+    if profiles:
+        latched = all(x.durability == DurabilityPolicy.TRANSIENT_LOCAL for x in profiles)
     return QoSProfile(
         depth=QUEUE_DEPTH,
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,

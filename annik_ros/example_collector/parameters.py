@@ -6,6 +6,7 @@ from pathlib import Path
 
 from annik_core.collection.settings import CollectionSettings
 from annik_core.errors import InvalidValue
+from annik_core.files import expanded
 from annik_ros.parameters import parameter, parameters_of
 
 
@@ -42,7 +43,7 @@ class ExampleCollectorParameters:
         for name in ("plan", "dataset"):
             if not getattr(self, name):
                 raise InvalidValue(name, "", "the path of a file")
-        plan, dataset = Path(self.plan), Path(self.dataset)
+        plan, dataset = expanded(self.plan), expanded(self.dataset)
         if dataset.suffix != ".npz":
             raise InvalidValue("dataset", self.dataset, "the path of a file that ends in .npz")
         if plan.resolve() == dataset.resolve():

@@ -51,11 +51,13 @@ class TargetFrames:
             found = self._buffer.lookup_transform(base_frame, frame, Time())
             transform = checked_pose(transform_to_array(found.transform))
             stamp = stamp_to_nanoseconds(found.header.stamp)
+            if not stamp:
+                # Static, which holds at any time; or not stamped, and then of any age.
+                self._buffer.lookup_transform(base_frame, frame, self._node.get_clock().now())
         # tf2 has many errors, and with any of them the target must be refused.
         except Exception as error:
             raise NoTransform(f"{failed}: {error}") from error
         age = 1e-9 * (self._node.get_clock().now().nanoseconds - stamp)
-        # The stamp of static transforms is zero.
         if stamp and not abs(age) <= self._timeout:
             raise NoTransform(f"{failed}: the newest is {age:.3g} s old, see transform_timeout")
         return StampedPoses(target.nanoseconds, base_frame, transformed(transform, target.poses))

@@ -153,7 +153,7 @@ class IkNode(ManagedNode):
         self._frames = TargetFrames(self, self.options.transform_timeout)
         self._serving: Serving | None = None
         self._active = False
-        self._fault: AnnikError | None = None
+        self._fault: AnnikError | ImportError | None = None
         self._callback_errors = 0
         self._warning, self._error = Throttle(), Throttle()
         self._reload: Reload | None = None
@@ -178,6 +178,8 @@ class IkNode(ManagedNode):
             if self._fault is not None:
                 raise self._fault
             self.trigger_activate()
+            if not self._active:
+                raise AnnikError("ik_node can't be activated: see the error above")
             self._starts_itself = False
         else:
             self.get_logger().info("unconfigured: waiting for lifecycle transitions")
@@ -188,7 +190,7 @@ class IkNode(ManagedNode):
         self._fault = None
         try:
             self._serving = Serving(self, self.options)
-        except AnnikError as error:
+        except (AnnikError, ImportError) as error:
             self._fault = error
             if not self._starts_itself:
                 self.get_logger().error(f"not configured: {error}")
@@ -326,8 +328,9 @@ class IkNode(ManagedNode):
             response.message = "busy: a reload is under way; call again when it has its response"
         else:
             # Meanwhile targets are solved with the present model.
-            path, robot = _model_path(self.options), self._serving.server.solver.robot
-            job = self._loader.submit(load_model, path, expected_robot=robot)
+            options, robot = self.options, self._serving.server.solver.robot
+            # All of it there: what is raised here would end the node.
+            job = self._loader.submit(lambda: load_model(_model_path(options), robot))
             self._reload = Reload(job, self._serving, response)
             self._reload_timer.reset()
         return response
@@ -347,7 +350,7 @@ class IkNode(ManagedNode):
         (job, serving, response, header), self._reload = self._reload, None
         try:
             model = job.result()
-        except AnnikError as error:
+        except Exception as error:  # whatever it is, the call must have its response
             response.message = f"still serving {serving.server.solver.artifact.path}: {error}"
             self.get_logger().error(f"reload refused: {response.message}")
         else:
@@ -357,8 +360,9 @@ class IkNode(ManagedNode):
             response.message = f"now serving {model.path}, {_kinematics(model.robot)}"
             if not response.success:
                 response.message = "the node was cleaned up during the reload: configure it"
-            self._announce(response.message, serving.server)
         self._send_response(response, header)
+        if response.success:
+            self._announce(response.message, serving.server)
 
     def _announce(self, text: str, server: IkServer) -> None:
         self.get_logger().info(text)

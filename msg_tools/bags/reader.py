@@ -213,7 +213,7 @@ def _unpacked(name: str) -> str:
 def _natural_order(name: str) -> list[tuple[int, str]]:
     """Sort key under which ``bag_10`` comes after ``bag_9``."""
     parts = re.split(r"(\d+)", name)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def _types_for(raw: RawMessage, extra: Typestore, path: Path) -> Typestore:

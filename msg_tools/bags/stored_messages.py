@@ -28,9 +28,15 @@ from msg_tools.bags.provisional_end import LIBRARY
 _LONGEST: Final = 256 * 1024 * 1024
 #: What a file may unpack to: so many bytes, and so many for each of its own.
 _LEAST_UNPACKED: Final = 64 * 1024 * 1024
+#: The same of all chunks and messages together, which are unpacked one after the other.
+_LEAST_IN_ALL: Final = 2 * 1024 * 1024 * 1024
 _LARGEST_RATIO: Final = 200
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _SQLITE_MAGIC: Final = b"SQLite format 3\0"
+#: At the end of a journal that names a file, which SQLite deletes when it has rolled back.
+_NAMING_MAGIC: Final = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
+#: What a message of a database takes besides its content, at least [bytes].
+_ROW: Final = 64
 _RECORD: Final = struct.Struct("<BQ")  #: how a record begins: kind and length
 _MESSAGE: Final = struct.Struct("<HIQQ")  #: channel, number, times of receiving and sending
 _END: Final = struct.Struct("<BxxxxxxxxQxxxxxxxxxxxx8s")  #: the footer, and what ends the file
@@ -80,13 +86,14 @@ def stored_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
     with ExitStack() as stack:
         try:
             file = stack.enter_context(open_regular_file(path))
-            unpacker = _Unpacker(os.fstat(file.fileno()).st_size)
+            sizes = (log.stat().st_size for log in _logs(path))
+            unpacker = _Unpacker(os.fstat(file.fileno()).st_size + sum(sizes))
             start = file.read(len(_SQLITE_MAGIC))
             if start.startswith(_ZSTD_MAGIC):
                 packed, file = file, cast(BinaryIO, stack.enter_context(NamedTemporaryFile()))
                 packed.seek(0)
                 try:
-                    file.writelines(_zstd_parts(packed, unpacker.left))
+                    file.writelines(_zstd_parts(packed, unpacker.most))
                 except _DAMAGE_ERRORS as error:
                     tell(f"{error}; what follows is lost")
                 file.seek(0)
@@ -94,7 +101,7 @@ def stored_messages(path: Path, damage: list[str]) -> Iterator[RawMessage]:
             if start.startswith(MCAP0_MAGIC):
                 messages = _mcap_messages(file, unpacker, tell)
             elif start == _SQLITE_MAGIC:
-                messages = _sqlite_messages(Path(file.name), tell)
+                messages = _sqlite_messages(Path(file.name), unpacker, tell)
             else:
                 raise ValueError("neither MCAP nor SQLite3, or cut in its first bytes")
             for message in messages:
@@ -112,11 +119,19 @@ class _Unpacker:
     """Unpacks what one file holds, up to a bound that follows from the size of the file."""
 
     def __init__(self, size: int) -> None:
-        self.left = _LEAST_UNPACKED + _LARGEST_RATIO * size
+        self.most = _LEAST_UNPACKED + _LARGEST_RATIO * size  #: at once
+        self._left = _LEAST_IN_ALL + _LARGEST_RATIO * size
+        self._rows_left = self.most
+
+    def take(self, size: int) -> None:
+        """Count what a database gives, whose tables may compute more than it holds."""
+        self._rows_left -= size
+        if self._rows_left < 0:
+            raise ValueError("it holds more than is accepted of its size")
 
     def unpack(self, data: bytes, method: str, size: int) -> bytes:
         """The content of at most ``size`` bytes; raise a damage error if there is more."""
-        if size > min(_LONGEST, self.left):
+        if size > min(_LONGEST, self.most, self._left):
             raise ValueError(f"it would unpack to {size} bytes")
         if method == "zstd":
             content = b"".join(_zstd_parts(BytesIO(data), size))
@@ -126,14 +141,14 @@ class _Unpacker:
             content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
         else:
             raise ValueError(f"unknown compression {method[:20]!r}")
-        self.left -= len(content)
+        self._left -= len(content)
         return content
 
     def message(self, message: RawMessage) -> RawMessage:
         """A message with its content unpacked; CDR, which begins with a zero, is not packed."""
         if not message.data.startswith(_ZSTD_MAGIC):
             return message
-        most = min(_LONGEST, self.left)
+        most = min(_LONGEST, self.most, self._left)
         return message._replace(data=self.unpack(message.data, "zstd", most))
 
 
@@ -156,7 +171,7 @@ def _mcap_messages(
     file: BinaryIO, unpacker: _Unpacker, tell: Callable[[str], None]
 ) -> Iterator[RawMessage]:
     channels: dict[int, records.Channel] = {}
-    schemas: dict[int, records.Schema] = {0: records.Schema(0, b"", "", "")}  # 0 means none
+    schemas = {0: ("", "", "")}  # 0 means none
     counted: int | None = None
     read = 0
     try:
@@ -165,19 +180,19 @@ def _mcap_messages(
                 if record.channel_id not in channels:
                     raise ValueError(f"a message has the unknown channel {record.channel_id}")
                 channel = channels[record.channel_id]
-                schema = schemas.get(channel.schema_id, schemas[0])
+                kind, *definition = schemas.get(channel.schema_id, schemas[0])
                 read += 1
                 yield RawMessage(
                     channel.topic,
-                    schema.name,
+                    kind,
                     record.log_time,
                     record.publish_time or record.log_time,
                     record.data,
-                    schema.data.decode(errors="replace"),
-                    schema.encoding,
+                    *definition,
                 )
             elif isinstance(record, records.Schema):
-                schemas[record.id] = record
+                text = record.data.decode(errors="replace")
+                schemas[record.id] = record.name, text, record.encoding
             elif isinstance(record, records.Channel):
                 channels[record.id] = record
             elif isinstance(record, records.Statistics):
@@ -265,7 +280,9 @@ def _records_of(chunk: records.Chunk, unpacker: _Unpacker) -> Iterator[records.M
         raise ValueError("it is cut")
 
 
-def _sqlite_messages(path: Path, tell: Callable[[str], None]) -> Iterator[RawMessage]:
+def _sqlite_messages(
+    path: Path, unpacker: _Unpacker, tell: Callable[[str], None]
+) -> Iterator[RawMessage]:
     unusable = 0
     with ExitStack() as stack:
         database = stack.enter_context(closing(_database(path, stack)))
@@ -280,7 +297,9 @@ def _sqlite_messages(path: Path, tell: Callable[[str], None]) -> Iterator[RawMes
         if "message_definitions" in tables:
             columns = "topic_type, encoded_message_definition, encoding"
             rows = database.execute(f"SELECT {columns} FROM message_definitions")
-            definitions = {kind: (text, encoding) for kind, text, encoding in rows}
+            for kind, text, encoding in rows:
+                unpacker.take(_ROW + len(text or ""))
+                definitions[kind] = text, encoding
         try:
             # In the order of their rows: an order by time needs an index that may be damaged.
             for topic, kind, time, data in database.execute(
@@ -288,6 +307,7 @@ def _sqlite_messages(path: Path, tell: Callable[[str], None]) -> Iterator[RawMes
                 "FROM messages LEFT JOIN topics ON topics.id = messages.topic_id"
             ):
                 if [type(value) for value in (topic, kind, time, data)] == [str, str, int, bytes]:
+                    unpacker.take(_ROW + len(topic) + len(kind) + len(data))
                     definition = definitions.get(kind, ("", ""))
                     yield RawMessage(topic, kind, time, time, data, *definition)
                 else:
@@ -298,18 +318,25 @@ def _sqlite_messages(path: Path, tell: Callable[[str], None]) -> Iterator[RawMes
         tell(f"{unusable} messages have no topic, no time or no content")
 
 
+def _logs(path: Path) -> list[Path]:
+    return [log for end in ("-wal", "-journal") if (log := Path(f"{path}{end}")).exists()]
+
+
 def _database(path: Path, stack: ExitStack) -> sqlite3.Connection:
     """Open a database; in a copy if it has a log, which SQLite would write into it."""
-    logs = [log for end in ("-wal", "-journal") if (log := Path(f"{path}{end}")).exists()]
+    logs = _logs(path)
     address = f"{path.absolute().as_uri()}?immutable=1"
     if any(log.stat().st_size for log in logs):
         folder = Path(stack.enter_context(TemporaryDirectory()))
         needed = sum(file.stat().st_size for file in (path, *logs))
-        if needed > shutil.disk_usage(folder).free:
+        if needed > shutil.disk_usage(folder).free // 2:
             raise ValueError(f"it has a log, and a copy needs {needed} bytes in {folder}")
         for file in (path, *logs):
-            with open_regular_file(file) as source, (folder / file.name).open("wb") as copy:
+            with open_regular_file(file) as source, (folder / file.name).open("w+b") as copy:
                 shutil.copyfileobj(source, copy)
+                copy.seek(max(0, copy.tell() - len(_NAMING_MAGIC)))
+                if copy.read() == _NAMING_MAGIC:
+                    raise ValueError("its journal belongs to several databases")
         address = (folder / path.name).as_uri()
     database = sqlite3.connect(address, uri=True)
     if sys.version_info >= (3, 11):

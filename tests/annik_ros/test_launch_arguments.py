@@ -91,6 +91,16 @@ def test_a_file_of_targets_is_read_before_anything_starts(tmp_path: Path) -> Non
     assert checked_arguments({"path": "csv", "csv_file": str(file)})["csv_file"] == str(file)
 
 
+def test_a_path_of_home_is_expanded_since_launch_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It starts nodes without the parameters of a file that it does not find."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "x.yaml").write_text("/**: {ros__parameters: {model: ur5e}}", encoding="utf-8")
+    for name, text in (("params_file", "~/x.yaml"), ("bag", "~/bag")):
+        assert checked_arguments({name: text}) == {name: str(tmp_path / text[2:])}
+
+
 def test_a_name_that_is_nearly_an_argument_is_refused() -> None:
     known = ("model", "namespace", "rate")
     check_names(["model:=ur5e", "rate:=3", "other_thing:=1"], known)

@@ -187,6 +187,36 @@ def test_best_effort_publishers_are_recorded_whenever_they_come(
     assert end(recorder, signal.SIGINT) == 0
 
 
+#: Publishes one message for whoever comes later, and waits to be ended.
+LATCHED = """
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("describer")
+qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+publisher = node.create_publisher(String, "robot_description", qos)
+publisher.publish(String(data="<robot/>"))
+print("published", flush=True)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.parametrize("description_first", [True, False])
+def test_a_description_that_was_published_once_is_recorded(
+    recording: Recording, tmp_path: Path, description_first: bool
+) -> None:
+    if description_first:
+        recording.script(LATCHED).wait_for_text("published")
+    recorder = recording.recorder("output:=bag")
+    recorder.wait_for_text("recording")
+    if not description_first:
+        recording.script(LATCHED)
+    topics = {"/robot_description"}
+    wait_until(lambda: list(read_bag(tmp_path / "bag").records(topics)), "the description")
+    assert end(recorder, signal.SIGINT) == 0
+
+
 def test_names_are_resolved_and_unknown_types_learned(
     recording: Recording, tmp_path: Path
 ) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import onnx
 import pytest
+from support.processes import wait_until
 
 from annik_core.installation import default_model_path
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
@@ -150,4 +151,5 @@ def test_a_poor_model_is_said_at_start_at_a_reload_and_in_diagnostics(
     )
     onnx.save(poor, model)
     assert client.call("ik_node/reload_model").success
-    assert node.log.count(f"model {model}: 40 % of") == 2
+    # The response comes first.
+    wait_until(lambda: node.log.count(f"model {model}: 40 % of") == 2, "the second warning")

@@ -32,8 +32,8 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 POSE = {pose}
-# Seconds from now, or None: static.
-STAMPS = dict(camera=0.0, map=0.5, wall=None, old=-30.0, future=30.0, broken=0.0)
+# Seconds from now, or None: static, or without a stamp.
+STAMPS = dict(camera=0.0, map=0.5, wall=None, unstamped=None, old=-30.0, future=30.0, broken=0.0)
 
 class TransformException(Exception):
     pass
@@ -42,8 +42,9 @@ class Buffer:
     listened = False
 
     def lookup_transform(self, target_frame, source_frame, time, timeout=Duration()):
-        assert self.listened and target_frame == "base_link" and time == Time()
-        if source_frame not in STAMPS:
+        assert self.listened and target_frame == "base_link"
+        # What has no stamp is found at time zero alone.
+        if source_frame not in STAMPS or (source_frame == "unstamped" and time != Time()):
             raise TransformException(f"{{source_frame}} does not exist")
         found = TransformStamped()
         if STAMPS[source_frame] is not None:
@@ -98,7 +99,7 @@ def test_a_target_in_another_frame_is_transformed_or_refused_and_counted(
         np.testing.assert_allclose(distances, 0.0, atol=1e-9)
     client.take_the_rest()
     commands = len(client.received["joint_command"])
-    refused = ("old", "future", "broken", "nowhere", "/base_link")
+    refused = ("old", "future", "broken", "unstamped", "nowhere", "/base_link")
     for frame in refused:
         send(frame)
     _, values = client.wait_for_status(

@@ -145,6 +145,39 @@ def test_a_hot_journal_is_rolled_back_in_a_copy(tmp_path: Path) -> None:
     assert content_of(bag) == before
 
 
+def test_a_journal_that_names_another_file_is_refused(tmp_path: Path) -> None:
+    """SQLite would delete that file when it has rolled back."""
+    bag, victim = tmp_path / "bag", tmp_path / "victim.txt"
+    bag.mkdir()
+    victim.write_text("precious", encoding="utf-8")
+    connection = sqlite3.connect(tmp_path / "growing.db3", isolation_level=None)
+    add_tables(connection)
+    add_messages(connection, range(500))
+    connection.execute("PRAGMA cache_size = 1")
+    connection.execute("PRAGMA cache_spill = 1")
+    connection.execute("BEGIN")
+    connection.execute("UPDATE messages SET data = x'00'")
+    for suffix in ("", "-journal"):
+        shutil.copy(tmp_path / f"growing.db3{suffix}", bag / f"bag_0.db3{suffix}")
+    connection.close()
+    name = str(victim).encode()
+    page = 0x40000000 // 4096 + 1
+    with (bag / "bag_0.db3-journal").open("ab") as journal:
+        journal.write(page.to_bytes(4, "big") + name + len(name).to_bytes(4, "big"))
+        journal.write(sum(name).to_bytes(4, "big") + bytes.fromhex("d9d505f920a163d7"))
+    with pytest.raises(BagNotReadable):
+        read_bag(bag / "bag_0.db3")
+    assert victim.exists()
+
+
+def test_any_name_may_be_in_the_folder_of_a_bag(tmp_path: Path) -> None:
+    connection = database(tmp_path / "bag_0.db3")
+    add_tables(connection)
+    connection.close()
+    (tmp_path / "a1\N{SUPERSCRIPT TWO}3.db3").write_bytes(b"")
+    assert not read_bag(tmp_path).complete
+
+
 def test_a_log_without_end_is_not_copied(tmp_path: Path) -> None:
     connection = database(tmp_path / "bag_0.db3")
     add_tables(connection)

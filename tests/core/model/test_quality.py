@@ -89,3 +89,8 @@ def test_of_anything_else_nothing_is_said(evaluation: dict[str, Any]) -> None:
 
 def test_a_list_without_end_is_cut() -> None:
     assert len(str(quality_of({"redundant_joints": ["joint"] * 100_000}))) < 1000
+
+
+@pytest.mark.parametrize("number", [1e305, -1e305, 7.0, -0.5])
+def test_numbers_that_are_no_part_are_told_all_the_same(number: float) -> None:
+    assert refined(number, number).summary
