@@ -3,7 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 PACKAGE = "annik_ros"
 URL = "https://github.com/annik/annik"
@@ -43,6 +43,27 @@ def data_files() -> list[tuple[str, list[str]]]:
     ]
 
 
+def kernel() -> Extension:
+    """Return the compiled kernel; where it can't be built, annik is installed without it."""
+    try:
+        import pybind11
+
+        include = [pybind11.get_include()]
+    except ImportError:
+        include = []  # the headers of the system's package pybind11-dev are found without
+    folder = Path("annik_core", "kernel")
+    return Extension(
+        "annik_core.kernel.compiled",
+        [str(folder / "module.cpp")],
+        depends=[str(path.relative_to(ROOT)) for path in sorted((ROOT / folder).glob("*.hpp"))],
+        include_dirs=include,
+        # Without contraction every processor rounds alike.
+        extra_compile_args=["-std=c++17", "-O3", "-fvisibility=hidden", "-ffp-contract=off"],
+        language="c++",
+        optional=True,
+    )
+
+
 setup(
     name=PACKAGE,
     version=version(),
@@ -62,6 +83,7 @@ setup(
         "": ["py.typed"],
         "msg_tools.report": ["*.jinja"],
     },
+    ext_modules=[kernel()],
     data_files=data_files(),
     # The libraries read stay with the lowest versions known to work: Ubuntu's ROS 2 Jazzy is built
     # for numpy 1.26. constraints.txt holds the versions that ./run installs and tests.
@@ -82,8 +104,8 @@ setup(
         "zstandard>=0.18",
     ],
     extras_require={
-        # The kinematics of arms. With ROS 2 sourced, rosdep's pinocchio is the better choice.
-        "arms": ["pin>=3.0"],
+        # What the kinematics of arms are tested against.
+        "oracles": ["pin>=3.0"],
         # The solvers that ``./run bench ik`` compares with; KDL comes from the system's packages.
         "peers": [
             "EAIK>=1.2",

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from annik_core.safety import AcceptanceLimits, CommandSafety, IkStatus
     from annik_core.serving.ik_server import IkServer
     from annik_core.solver.ik_solver import IkSolver, SolverMode
-    from annik_core.solver.options import RefinementOptions
-    from annik_core.solver.result import IkResult
+    from annik_core.solver.result import IkResult, RefinementOptions
 
 __all__ = [
     "AcceptanceLimits",
@@ -51,7 +50,6 @@ _NAMES = {
     "safety": ("AcceptanceLimits", "CommandSafety", "IkStatus"),
     "serving.ik_server": ("IkServer",),
     "solver.ik_solver": ("IkSolver", "SolverMode"),
-    "solver.options": ("RefinementOptions",),
-    "solver.result": ("IkResult",),
+    "solver.result": ("IkResult", "RefinementOptions"),
 }
 __getattr__, __dir__ = lazy_names(__name__, _NAMES)

@@ -17,7 +17,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from annik_core.errors import AnnikError, MissingDependency
+from annik_core.errors import AnnikError
 from annik_core.files import expanded, read_regular_file, write_files_atomically
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.definition import is_numeric
@@ -206,8 +206,6 @@ def _checked_robot(path: Path, provenance: Mapping[str, Any]) -> Robot:
             raise UnreadableDataset(path, f"{key!r} is {provenance[key]!r}, not {what}")
     try:
         robot = robot_from_definition(provenance["robot"], f"in {path}")
-    except MissingDependency:
-        raise
     # The definition may hold any JSON value.
     except Exception as error:
         raise UnreadableDataset(path, f"its robot can't be used ({error})") from error

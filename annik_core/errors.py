@@ -40,7 +40,6 @@ _REMEDIES = {
     "matplotlib": "sudo apt install python3-matplotlib, or pip install matplotlib",
     "mcap": "pip install mcap mcap-ros2-support",
     "numpy": "sudo apt install python3-numpy, or pip install numpy",
-    "pinocchio": "pip install pin, or beside ROS 2 sudo apt install ros-jazzy-pinocchio",
     "scipy": "sudo apt install python3-scipy, or pip install scipy",
     "yaml": "sudo apt install python3-yaml, or pip install pyyaml",
     **dict.fromkeys(("builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"), _ROS),

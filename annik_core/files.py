@@ -29,16 +29,14 @@ def open_regular_file(path: Path) -> BinaryIO:
         OSError: if it can't be opened, or is a folder, a pipe or a device.
         ValueError: if no file could have this path.
     """
-    file = open(path, "rb", opener=_open_without_waiting)  # noqa: SIM115
+    # Otherwise opening a pipe waits for a process that writes to it.
+    file = open(  # noqa: SIM115
+        path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
+    )
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
     return file
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    # Otherwise opening a pipe waits for a process that writes to it.
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_regular_file(path: Path, most: int) -> bytes:

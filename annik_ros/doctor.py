@@ -9,15 +9,15 @@ from enum import Enum
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
-from annik_core.errors import AnnikError, MissingDependency
+from annik_core.errors import AnnikError
 from annik_core.installation import VERSION, default_model_path, model_path, packaged_models
+from annik_core.kernel import NO_KERNEL, compiled_kernel
 from annik_core.model.artifact import load_model
 
 #: Required by the nodes.
 _LIBRARIES = ("numpy", "scipy", "protobuf", "onnxruntime", "mcap", "rosbags")
 #: Required by parts of annik, with the part.
 _OPTIONAL_LIBRARIES = {
-    "pin": "arms: pip install 'annik_ros[arms]', or the package ros-jazzy-pinocchio",
     "torch": "training: pip install 'annik_ros[training]'",
 }
 _SUPPORTED_PYTHON = ((3, 10), (3, 13))
@@ -64,6 +64,14 @@ def check_libraries() -> Iterator[Finding]:
             yield Finding(verdict, f"{name} is not installed", remedy)
 
 
+def check_kernel() -> Iterator[Finding]:
+    """The compiled kinematics of arms."""
+    if compiled_kernel() is not None:
+        yield Finding(Verdict.GOOD, "the kernel is compiled")
+    else:
+        yield Finding(Verdict.NOTE, *NO_KERNEL)
+
+
 def check_ros() -> Iterator[Finding]:
     """rclpy, its middleware, the messages, and the environment variables of ROS 2."""
     try:
@@ -104,8 +112,6 @@ def check_models() -> Iterator[Finding]:
     for name in packaged_models():
         try:
             artifact = load_model(model_path(name))
-        except MissingDependency as error:
-            yield Finding(Verdict.NOTE, f"model {name} can't be used", str(error))
         except AnnikError as error:
             yield Finding(
                 Verdict.BAD, f"model {name} can't be used: {error}", "install annik again"
@@ -146,6 +152,7 @@ def check_round_trip() -> Iterator[Finding]:
 CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     check_python,
     check_libraries,
+    check_kernel,
     check_ros,
     check_models,
     check_round_trip,

@@ -9,8 +9,7 @@ from annik_core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
-    from annik_training.designs.registry import design_names, make_design
-    from annik_training.designs.sampling import generate_dataset
+    from annik_training.designs.registry import design_names, generate_dataset, make_design
     from annik_training.evaluation import Evaluation, evaluate
     from annik_training.fitting.options import FitOptions
     from annik_training.training import TrainedModel, train
@@ -31,8 +30,7 @@ __all__ = [
 
 _NAMES = {
     "calibration.calibrate": ("CalibratedRobot", "CalibrationOptions", "calibrate"),
-    "designs.registry": ("design_names", "make_design"),
-    "designs.sampling": ("generate_dataset",),
+    "designs.registry": ("design_names", "generate_dataset", "make_design"),
     "evaluation": ("Evaluation", "evaluate"),
     "fitting.options": ("FitOptions",),
     "training": ("TrainedModel", "train"),

@@ -11,10 +11,10 @@ from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.robot import Robot
 from annik_core.safety import AcceptanceLimits
 from annik_core.solver.ik_solver import SolverMode
-from annik_core.solver.options import RefinementOptions, RefinementResult
 from annik_core.solver.refinement import Refinement
+from annik_core.solver.result import RefinementOptions, RefinementResult
 from annik_training.defaults import DEFAULT_EVALUATION_POSES
-from annik_training.designs.sampling import random_dataset
+from annik_training.designs.registry import random_dataset
 from annik_training.joint_box import mobility
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from annik_core.model.graph import FEATURES_NAME, INPUT_NAME, OUTPUT_NAME
 from annik_core.model.metadata import FORMAT_VERSION, ModelMetadata
 from annik_core.model.session import make_session
 from annik_core.pose import FloatArray
-from annik_training.designs.sampling import random_dataset
+from annik_training.designs.registry import random_dataset
 from annik_training.evaluation import Evaluation
 from annik_training.fitting.fit import FittedNetwork
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot, packaged_robots
-from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_training.designs.registry import generate_dataset, random_dataset
 from annik_training.training import train
 from benchmarks.command_line import (
     ROOT,

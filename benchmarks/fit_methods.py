@@ -24,7 +24,7 @@ from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.target_paths import diagonal_path
-from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_training.designs.registry import generate_dataset, random_dataset
 from annik_training.fitting.fit import (
     dataset_examples,
     fit_restart,

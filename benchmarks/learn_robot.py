@@ -34,8 +34,7 @@ from annik_training.calibration.model import ParametricModel, Part
 from annik_training.calibration.observations import Noise, Observations
 from annik_training.cli.plots import png
 from annik_training.defaults import DEFAULTS
-from annik_training.designs.registry import DESIGNS, make_design
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import DESIGNS, generate_dataset, make_design
 from annik_training.fitting.fit import fit
 from annik_training.fitting.options import FitOptions
 from annik_training.training import train

@@ -26,7 +26,7 @@ from annik_core.robots.library import load_robot
 from annik_core.simulation.imperfections import InvalidImperfections, read_imperfections
 from annik_core.target_paths import UnreadableTargetFile, csv_path
 from annik_ros.launch_arguments import checked_arguments, node_parameters
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import generate_dataset
 from msg_tools.bags.errors import BagNotReadable
 from msg_tools.bags.reader import read_bag
 

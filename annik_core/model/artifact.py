@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
-from annik_core.errors import MissingDependency, RobotMismatch
+from annik_core.errors import RobotMismatch
 from annik_core.files import read_regular_file
 from annik_core.installation import model_path, nearest_first, packaged_models
 from annik_core.model.errors import (
@@ -120,13 +120,12 @@ def load_model(path: str | Path, expected_robot: Robot | None = None) -> Model:
     Raises:
         ModelError: if the file can't be used; the classes are in :mod:`annik_core.model.errors`.
         RobotMismatch: if the file is for another robot than expected, as described or calibrated.
-        MissingDependency: if the robot is an arm and Pinocchio is not installed.
     """
     file = model_path(path)
     content = read_model_file(file)
     try:
         model = checked_model(content, file)
-    except (ModelError, MissingDependency):
+    except ModelError:
         raise
     # The bytes may be anything, and the libraries that read them promise no exceptions. What the
     # checks did not foresee must end no running node either.

@@ -35,21 +35,15 @@ class UnreadableModel(ModelError):
 
 
 class UnsupportedFormat(ModelError):
-    """The file is of another format version; ``annik convert`` may make a readable file of it."""
+    """The file is of another format version."""
 
-    def __init__(
-        self, path: Path, found: str, supported: Sequence[str], *, convertible: bool
-    ) -> None:
+    def __init__(self, path: Path, found: str, supported: Sequence[str]) -> None:
         self.found = found
         self.supported = tuple(supported)
-        self.convertible = convertible
-        command = f"'annik convert {path} --out NEW.onnx'"
         super().__init__(
             path,
             f"format version {found!r}; this annik reads {', '.join(self.supported)}",
-            f"convert it with {command}, or make it again with 'annik train'"
-            if convertible
-            else "use the annik that made it, or make it again with 'annik train'",
+            "make it again with 'annik train' or, if it was calibrated, 'annik calibrate'",
         )
 
 

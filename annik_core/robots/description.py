@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from annik_core.pose import FloatArray, quaternion_from_roll_pitch_yaw
-from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.robot import Robot
+from annik_core.robots.screw_chain import ScrewChain, joint_axis, joint_origin
 from annik_core.robots.urdf import add_joint, as_numbers, as_text
 from annik_core.robots.urdf_text import parsed
 
@@ -39,9 +39,8 @@ def link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[floa
     ``robot`` has no corrections of a calibration, and is at joint positions ``(dof,)``.
     """
     kinematics = robot.forward_kinematics
-    if isinstance(kinematics, ArmKinematics):
-        return kinematics.link_poses(joint_positions)
-    assert isinstance(kinematics, GantryKinematics)
+    if not isinstance(kinematics, GantryKinematics):
+        return _arm_link_poses(robot, joint_positions)
     poses = {
         f"{drive}_shaft": [0.0, 0.0, 0.0, *quaternion_from_roll_pitch_yaw(0.0, 0.0, angle)]
         for drive, angle in zip(robot.joint_names, joint_positions.tolist(), strict=True)
@@ -52,6 +51,20 @@ def link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[floa
         moved[axis] = task[axis]
         poses[link] = [*moved[:3], *quaternion_from_roll_pitch_yaw(*moved[3:])]
     return poses
+
+
+def _arm_link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[float]]:
+    from scipy.spatial.transform import Rotation
+
+    joints = list(parsed(robot.definition["urdf"], robot.name).iter("joint"))
+    origins, axes = map(joint_origin, joints), np.array([joint_axis(joint) for joint in joints])
+    positions = np.zeros(len(joints))
+    positions[axes.any(axis=1)] = joint_positions
+    frames = ScrewChain(np.array([*origins, np.eye(4)]), axes).frames(positions)[:-1]
+    quaternions = Rotation.from_matrix(frames[:, :3, :3]).as_quat(canonical=True)
+    poses = np.concatenate([frames[:, :3, 3], quaternions], axis=1).tolist()
+    links = [child.attrib["link"] for joint in joints for child in joint.iter("child")]
+    return dict(zip(links, poses, strict=True))
 
 
 def _slides(robot: Robot) -> list[str]:

@@ -17,7 +17,8 @@ from enum import Enum
 import numpy as np
 
 from annik_core.pose import FloatArray
-from annik_core.robots.arm import ArmKinematics, ScrewChain
+from annik_core.robots.robot import Robot
+from annik_core.robots.screw_chain import ScrewChain
 
 #: Axes this near to parallel count as parallel [rad]: their common normal is far away, or, where a
 #: description rounds its angles as in rpy="3.1416 0 0", arbitrary.
@@ -71,11 +72,11 @@ class GeometricError:
         return motion
 
 
-def geometric_errors(kinematics: ArmKinematics) -> tuple[GeometricError, ...]:
+def geometric_errors(robot: Robot) -> tuple[GeometricError, ...]:
     """All geometric errors of an arm, in the order from the base to the end effector."""
-    chain = kinematics.screws
-    errors = _base_errors(chain, kinematics.joint_names[0])
-    for number, joint in enumerate(kinematics.joint_names, 1):
+    chain = ScrewChain.from_urdf(robot.definition["urdf"])
+    errors = _base_errors(chain, robot.joint_names[0])
+    for number, joint in enumerate(robot.joint_names, 1):
         errors += _joint_errors(chain, number, joint)
     return tuple(errors)
 

@@ -50,7 +50,6 @@ def load_robot(
     Raises:
         UnknownRobot: if there is no such robot or file; lists the packaged names.
         InvalidRobotDefinition: if the definition can't be read or used.
-        MissingDependency: if it is an arm and Pinocchio is not installed.
     """
     definition, name = _definition(source)
     given: dict[str, Any] = {

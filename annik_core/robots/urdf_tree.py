@@ -17,7 +17,7 @@ from annik_core.robots.urdf_text import (
     is_to_be_expanded,
 )
 
-#: Most joints of a chain, fixed ones included; Pinocchio's reader recurses that deep.
+#: Most joints of a chain, fixed ones included.
 MAX_CHAIN = 256
 
 

@@ -16,11 +16,11 @@ import numpy as np
 from annik_core.errors import AnnikError, InvalidValue
 from annik_core.files import bounded_yaml, read_text
 from annik_core.pose import FloatArray
-from annik_core.robots.arm import ArmKinematics
-from annik_core.robots.corrected_kinematics import JointCorrectedKinematics
-from annik_core.robots.corrections import JointCorrection
+from annik_core.robots.arm_kinematics import JointCorrectedKinematics, arm_kinematics
+from annik_core.robots.corrections import ArmCorrections, JointCorrection
 from annik_core.robots.kinematic_errors import ErrorKind, geometric_errors, placements_of
 from annik_core.robots.robot import ForwardKinematics, Robot
+from annik_core.robots.screw_chain import ScrewChain
 from annik_core.settings import CheckedSettings, Setting, check_settings, setting, settings_of
 
 
@@ -202,20 +202,17 @@ def imperfect_kinematics(robot: Robot, imperfections: Imperfections) -> ForwardK
 
     Raises:
         InvalidImperfections: if they do not fit the robot.
-        MissingDependency: if Pinocchio is not installed.
     """
     check_fit(imperfections, robot, "given")
-    nominal = ArmKinematics(robot.joint_names, robot.definition["urdf"], robot.end_effector_frame)
-    errors = [error for error in geometric_errors(nominal) if error.kind in _GEOMETRY]
+    errors = [error for error in geometric_errors(robot) if error.kind in _GEOMETRY]
     amounts = [
         float(getattr(imperfections, _GEOMETRY[error.kind])[error.place - 1]) for error in errors
     ]
     return JointCorrectedKinematics(
-        ArmKinematics(
-            nominal.joint_names,
-            nominal.urdf,
-            nominal.end_effector_frame,
-            placements_of(errors, amounts, robot.dof),
+        arm_kinematics(
+            robot.joint_names,
+            ScrewChain.from_urdf(robot.definition["urdf"]),
+            ArmCorrections(placements_of(errors, amounts, robot.dof)),
         ),
         PeriodicTransmissionError(
             imperfections.transmission_amplitude, imperfections.transmission_phase

@@ -1,17 +1,21 @@
 """Inverse kinematics by a trained network, every solution verified by the forward kinematics."""
 
 import math
+import os
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
+from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray, Numbers, checked_pose
+from annik_core.robots.arm_kinematics import CompiledKinematics
+from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import ResolvedTarget, Robot, check_joint_count
 from annik_core.safety import (
     COMMAND_CHECKS,
@@ -23,8 +27,7 @@ from annik_core.safety import (
     Motion,
     Refusal,
 )
-from annik_core.solver.options import RefinementOptions
-from annik_core.solver.result import IkResult
+from annik_core.solver.result import IkResult, RefinementOptions, RefinementResult
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
@@ -46,6 +49,33 @@ class SolverMode(Enum):
     def refines(self, robot: Robot) -> bool:
         """Whether solutions for this robot are refined."""
         return robot.kind == "arm" if self is SolverMode.AUTO else self is SolverMode.REFINED
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledRefinement:
+    """:class:`annik_core.solver.refinement.Refinement` in the compiled kernel, for any thread."""
+
+    kinematics: CompiledKinematics
+    box: JointLimits
+    options: RefinementOptions = RefinementOptions()
+
+    @cached_property
+    def compiled(self) -> Any:
+        """The object in the kernel."""
+        bounds, most = (self.box.lower, self.box.upper), self.options.max_newton_steps
+        chain = self.kinematics.compiled
+        return compiled_kernel().Refinement(chain, *bounds, most, self.options.tolerance)
+
+    def refine(self, start: FloatArray, target: FloatArray) -> RefinementResult:
+        """Search for joint positions that reach a target ``(7,)``, as the other does."""
+        return RefinementResult(*self.compiled.refine(start, target))
+
+    def refine_batch(self, starts: FloatArray, targets: FloatArray) -> list[RefinementResult]:
+        """:meth:`refine` of rows ``(n, dof)`` and ``(n, 7)``, on all processors."""
+        threads = len(os.sched_getaffinity(0))
+        positions, *columns = self.compiled.refine_batch(starts, targets, threads)
+        rows = zip(positions, *(column.tolist() for column in columns), strict=True)
+        return [RefinementResult(*row) for row in rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +163,21 @@ class IkSolver:
         those of one pose at a time by rounding.
         """
         targets = [self._checked(pose, None) for pose in np.asarray(poses, dtype=np.float64)]
-        network_poses = [target[1].pose for target in targets if not isinstance(target, Refusal)]
-        if not network_poses:
-            return [IkResult.refused(target) for target in targets if isinstance(target, Refusal)]
-        solutions = iter(self.artifact.joint_positions(np.array(network_poses)))
+        usable = [target for target in targets if not isinstance(target, Refusal)]
+        results: list[IkResult] = []
+        if usable:
+            solutions = self.artifact.joint_positions(np.array([seen.pose for _, seen in usable]))
+            refined: list[Any] = [None] * len(usable)
+            if self.refines and isinstance(self._refinement, CompiledRefinement):
+                goals = np.array([target for target, _ in usable])
+                refined = self._refinement.refine_batch(solutions, goals)
+            results = [
+                self._result(*target, solution, self._alone, found)
+                for target, solution, found in zip(usable, solutions, refined, strict=True)
+            ]
+        solved = iter(results)
         return [
-            IkResult.refused(target)
-            if isinstance(target, Refusal)
-            else self._result(*target, next(solutions), self._alone)
+            IkResult.refused(target) if isinstance(target, Refusal) else next(solved)
             for target in targets
         ]
 
@@ -150,12 +187,15 @@ class IkSolver:
         return CommandContext(self.limits)
 
     @cached_property
-    def _refinement(self) -> "Refinement":
-        # Loaded in refined mode only, because its linear algebra loads slowly.
+    def _refinement(self) -> "Refinement | CompiledRefinement":
+        robot = self.robot
+        box, options = robot.search_box, self.refinement_options
+        if isinstance(robot.forward_kinematics, CompiledKinematics):
+            return CompiledRefinement(robot.forward_kinematics, box, options)
+        # Not above: its linear algebra loads slowly.
         from annik_core.solver.refinement import Refinement
 
-        robot = self.robot
-        return Refinement(robot.forward_kinematics, robot.search_box, self.refinement_options)
+        return Refinement(robot.forward_kinematics, box, options)
 
     def _checked(
         self, pose: ArrayLike, reference: Numbers | None
@@ -190,9 +230,10 @@ class IkSolver:
         resolved: ResolvedTarget,
         network_solution: FloatArray,
         context: CommandContext,
+        refined: RefinementResult | None = None,
     ) -> IkResult:
-        """The network's solution, refined if asked, checked."""
-        candidate = self._candidate(target, network_solution, context.previous)
+        """The network's solution, refined if asked and not done before, checked."""
+        candidate = self._candidate(target, network_solution, context.previous, refined)
         for check in COMMAND_CHECKS:
             refusal = check(candidate, context)
             if refusal is not None:
@@ -210,7 +251,11 @@ class IkSolver:
         )
 
     def _candidate(
-        self, target: FloatArray, network_solution: FloatArray, previous: FloatArray | None
+        self,
+        target: FloatArray,
+        network_solution: FloatArray,
+        previous: FloatArray | None,
+        refined: RefinementResult | None,
     ) -> Candidate:
         robot = self.robot
         # What is not finite is not refined: such a network is broken.
@@ -223,7 +268,7 @@ class IkSolver:
                     (network_solution, robot.in_box(previous)),
                     key=lambda q: robot.forward_kinematics.linearise(q, target).distance,
                 )
-            found = self._refinement.refine(start, target)
+            found = refined or self._refinement.refine(start, target)
             candidate = Candidate(
                 robot,
                 target,

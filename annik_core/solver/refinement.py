@@ -6,8 +6,12 @@ would take out of the joint box stop at their bounds, and the others are solved 
 is random or taken back.
 
 A search that stops short of the target began on the wrong side of a singularity. It is repeated
-from beyond the singularities nearest to its start and to its end, see
-:mod:`annik_core.solver.singularity`, the nearer to the target first.
+from beyond the singularities nearest to its start and to its end, the nearer to the target first.
+
+Two branches meet where the least singular value sigma of the Jacobian is zero; the right singular
+vector v is the direction across. A search that began on the wrong branch ends at the singularity,
+or at a limit before it, and does not cross it by itself. Not every singularity separates branches:
+where two wrist axes are aligned, v only turns their joints against each other.
 
 References:
     [Sugihara2011] T. Sugihara: Solvability-unconcerned inverse kinematics by the
@@ -15,17 +19,18 @@ References:
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dgesv, dposv
 
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import ForwardKinematics
-from annik_core.solver.options import RefinementOptions, RefinementResult
-from annik_core.solver.singularity import reflected_across_singularity
+from annik_core.solver.result import RefinementOptions, RefinementResult
 
 #: c, the damping for an error of 1 m or 1 rad.
 _DAMPING = 0.01
@@ -41,6 +46,15 @@ _IDENTITY = [np.eye(size, order="F") for size in range(33)]
 _PATIENCE = 3
 #: A search is stuck if a step leaves more than this part of the squared error.
 _STUCK = 0.5
+#: Step of the finite difference of the Jacobian along v [rad or m].
+_STEP = 1e-4
+#: Length of the reflection, in distances to the singularity. The mirror image, at 2, may be too
+#: short; from beyond it, a search still finds the solution on that branch.
+_DISTANCES = 3.0
+#: Greatest length of the reflection [rad or m], since the distance is a linear estimate.
+_FARTHEST = 1.5
+#: Derivative of sigma along v below which no singularity is in that direction [per rad or m].
+_LEAST_DERIVATIVE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,3 +209,27 @@ def _damped_least_squares(
     normal = dsyrk(1.0, transposed, damping, _IDENTITY[len(transposed)])
     _, motion, fault = dposv(normal, transposed.dot(twist), overwrite_a=1, overwrite_b=1)
     return None if fault else motion
+
+
+def reflected_across_singularity(
+    jacobian: Callable[[FloatArray], FloatArray],
+    joint_positions: FloatArray,
+    free: NDArray[np.int64],
+) -> FloatArray:
+    """Joint positions ``(dof,)`` beyond the nearest singularity; the same if there is none.
+
+    With sigma = u^T J v, the singularity is about sigma / (u^T (dJ/dv) v) away along -v. Only the
+    joints with indices in ``free`` move.
+    """
+    left, singular, right = np.linalg.svd(jacobian(joint_positions)[:, free], full_matrices=False)
+    across = np.zeros_like(joint_positions)
+    across[free] = right[-1]
+    ahead, behind = (
+        jacobian(joint_positions + side * _STEP * across)[:, free] for side in (1.0, -1.0)
+    )
+    derivative = float(left[:, -1] @ (ahead - behind) @ right[-1]) / (2.0 * _STEP)
+    if abs(derivative) < _LEAST_DERIVATIVE:
+        return joint_positions
+    distance = -_DISTANCES * float(singular[-1]) / derivative
+    beyond: FloatArray = joint_positions + max(-_FARTHEST, min(_FARTHEST, distance)) * across
+    return beyond

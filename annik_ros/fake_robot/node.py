@@ -33,9 +33,9 @@ from msg_tools.conversions.pose import (
     pose_stamped_from_array,
     pose_to_array,
     transform_stamped_from_array,
+    vector3_stamped_from_array,
 )
 from msg_tools.conversions.stamp import InvalidStamp, stamp_from_nanoseconds, stamp_to_nanoseconds
-from msg_tools.conversions.vector3 import vector3_stamped_from_array
 from msg_tools.topics import (
     ACCEPTED_TARGET,
     ACHIEVED_POSE,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from annik_core.safety import AcceptanceLimits, CommandSafety
 from annik_core.solver.ik_solver import IkSolver, SolverMode
-from annik_core.solver.options import RefinementOptions
+from annik_core.solver.result import RefinementOptions
 from annik_ros.parameters import ExecutorChoice, changeable, parameter, parameters_of
 
 if TYPE_CHECKING:

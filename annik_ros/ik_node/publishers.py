@@ -23,8 +23,8 @@ from annik_core.serving.stamps import UniqueStamps
 from annik_core.solver.result import IkResult
 from annik_ros.ik_node.parameters import IkNodeParameters
 from annik_ros.qos import RESULT_DEPTH, reliable
-from msg_tools.conversions.joint_state import joint_state_from_array
-from msg_tools.conversions.joint_trajectory import (
+from msg_tools.conversions.joint_state import (
+    joint_state_from_array,
     joint_trajectory_from_array,
     position_command_from_array,
 )

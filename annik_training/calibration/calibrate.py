@@ -16,7 +16,7 @@ from annik_core.robots.robot import Robot
 from annik_core.settings import check_settings, setting
 from annik_training.calibration.errors import TooFewMeasurements
 from annik_training.calibration.estimation import Estimate, estimate
-from annik_training.calibration.model import ParametricModel, Part, nominal_kinematics
+from annik_training.calibration.model import ParametricModel, Part, check_nominal_arm
 from annik_training.calibration.observations import Noise, Observations, check_measured_alike
 from annik_training.calibration.outliers import find_outliers
 from annik_training.calibration.uncertainty import (
@@ -124,7 +124,7 @@ def calibrate(
     """
     begin = time.perf_counter()
     options = options or CalibrationOptions()
-    nominal_kinematics(robot)
+    check_nominal_arm(robot)
     check_measured_alike(robot, dataset.robot)
     dataset = replace(dataset, robot=robot)
     observations = Observations.of(dataset, position_only=options.position_only)

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annik_core.pose import FloatArray
-from annik_core.robots.arm import ArmKinematics, ScrewChain
 from annik_core.robots.corrections import ArmCorrections, JointNetworks, PoseNetwork
 from annik_core.robots.kinematic_errors import (
     ErrorKind,
@@ -24,6 +23,7 @@ from annik_core.robots.kinematic_errors import (
     placements_of,
 )
 from annik_core.robots.robot import Robot
+from annik_core.robots.screw_chain import ScrewChain
 from annik_training.errors import UnsupportedRobot
 
 
@@ -81,12 +81,15 @@ class ParametricModel:
     robot: Robot  #: the nominal arm
     parts: frozenset[Part]  #: parts of the model that have parameters
 
+    def __post_init__(self) -> None:
+        check_nominal_arm(self.robot)
+
     @cached_property
     def errors(self) -> tuple[GeometricError, ...]:
         """Geometric errors that are parameters, in the order of the chain."""
         return tuple(
             error
-            for error in geometric_errors(nominal_kinematics(self.robot))
+            for error in geometric_errors(self.robot)
             if (Part.ALIGNMENT if error.kind in _ALIGNMENTS else Part.GEOMETRY) in self.parts
         )
 
@@ -214,7 +217,7 @@ class ParametricModel:
 
     @cached_property
     def _chain(self) -> ScrewChain:
-        return nominal_kinematics(self.robot).screws
+        return ScrewChain.from_urdf(self.robot.definition["urdf"])
 
     @property
     def _pose_parameters(self) -> int:
@@ -294,16 +297,14 @@ class ParametricModel:
         return np.concatenate([rotations @ columns[:, :3], rotations @ columns[:, 3:]], axis=1)
 
 
-def nominal_kinematics(robot: Robot) -> ArmKinematics:
-    """An arm's own kinematics; raise UnsupportedRobot if it is no arm, or calibrated already."""
-    kinematics = robot.forward_kinematics
-    if not isinstance(kinematics, ArmKinematics) or kinematics.placements is not None:
+def check_nominal_arm(robot: Robot) -> None:
+    """Refuse what is no arm, or is calibrated already, as :class:`UnsupportedRobot`."""
+    if robot.kind != "arm" or "corrections" in robot.definition:
         raise UnsupportedRobot(
             "calibration",
             f"{robot.name} ({robot.kind})",
             "it needs the nominal description of an arm, a packaged one or a URDF",
         )
-    return kinematics
 
 
 def correction_name(joint: str) -> str:

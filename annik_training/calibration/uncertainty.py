@@ -144,7 +144,8 @@ def error_bound_of(
     columns = model.evaluate(fitted.parameters, joint_positions).columns
     draws = (columns @ fitted.root) @ rng.normal(size=(model.size, _DRAWS))
     draws *= max(1.0, _calibration(fitted))
-    features = quadratic_features(_scaled(fitted, joint_positions))
+    centre, half = fitted.model.scale
+    features = quadratic_features((joint_positions - centre) / half)
     coefficients = []
     for rows, noise, known in (
         (slice(0, 3), fitted.noise.position, measured_noise.position),
@@ -167,9 +168,3 @@ def _calibration(fitted: Estimate) -> float:
     """Ratio of the leave-one-out residuals to those that the estimate expects."""
     squares = np.einsum("nr,nr->n", fitted.residuals, fitted.left_out_residuals)
     return math.sqrt(float(squares.mean()) / fitted.observations.rows)
-
-
-def _scaled(fitted: Estimate, joint_positions: FloatArray) -> FloatArray:
-    centre, half = fitted.model.scale
-    scaled: FloatArray = (joint_positions - centre) / half
-    return scaled

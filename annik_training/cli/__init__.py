@@ -22,13 +22,12 @@ COMMANDS: Mapping[str, str] = {
     "evaluate": "Measure a model's errors at random poses, or at measured ones.",
     "info": "Check a model file and print its metadata.",
     "export-urdf": "Write the URDF of a model's robot, for RViz and robot_state_publisher.",
-    "convert": "Convert a model file of an older format: same weights, same joint positions.",
     "report": "Report the tracking error in a bag: tables here, plots in report.html.",
     "doctor": "Check this installation: libraries, ROS 2, models, a target over DDS.",
 }
 _RENAMED = {"fit": "calibrate"}
 #: Files of commands that have none of their own name.
-_FILES = dict.fromkeys(("convert", "export-urdf", "info"), "model_files")
+_FILES = dict.fromkeys(("export-urdf", "info"), "model_files")
 
 
 class _LazyGroup(click.Group):

@@ -1,4 +1,4 @@
-"""``annik info``, ``convert`` and ``export-urdf``: look into a model file, or write from it."""
+"""``annik info`` and ``export-urdf``: look into a model file, or write from it."""
 
 import json
 from pathlib import Path
@@ -31,20 +31,6 @@ def info(model: Path) -> None:
         if key not in _LONG:
             table.add_row(key, escape(json.dumps(value)))
     Console().print(table)
-
-
-@click.command()
-@click.argument("model", type=FILE)
-@click.option("--out", type=FILE, required=True, help="The model file to write (.onnx).")
-def convert(model: Path, out: Path) -> None:
-    """Convert a model file of an older format: same weights, same joint positions.
-
-    MODEL is a model file of format 1. Nothing is trained.
-    """
-    from annik_training.convert import convert_model
-
-    metadata = convert_model(model, out)
-    click.echo(f"wrote {out} (format {metadata.format_version})")
 
 
 @click.command()

@@ -14,8 +14,13 @@ from annik_core.robots.robot import Robot
 from annik_core.settings import Setting, settings_of
 from annik_training.calibration.errors import NotMeasured
 from annik_training.defaults import DEFAULT_EVALUATION_POSES, DEFAULTS, defaults_of
-from annik_training.designs.registry import DESIGNS, DesignOption, design_names, find_design
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import (
+    DESIGNS,
+    DesignOption,
+    design_names,
+    find_design,
+    generate_dataset,
+)
 from annik_training.fitting.options import FitOptions
 
 FILE = click.Path(dir_okay=False, path_type=Path)

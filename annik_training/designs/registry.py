@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from annik_core.dataset import Dataset
 from annik_core.errors import InvalidValue
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
@@ -245,3 +246,22 @@ def _robot_of(subject: DesignSubject) -> Robot | None:
     """The robot that a subject is, or whose inverse kinematics it is."""
     robot = getattr(subject, "robot", subject)
     return robot if isinstance(robot, Robot) else None
+
+
+def generate_dataset(
+    robot: Robot, design: str, size: int, seed: int = 0, options: Mapping[str, Any] | None = None
+) -> Dataset:
+    """Examples of a design of experiments, with the poses of the robot's forward kinematics.
+
+    Arguments and errors are those of :func:`annik_training.make_design`.
+    """
+    joint_positions = make_design(robot, design, size, seed, options)
+    poses = robot.forward_kinematics.poses(joint_positions)
+    return Dataset(robot, joint_positions, poses, design, {"size": size, **(options or {})}, seed)
+
+
+def random_dataset(robot: Robot, box: JointLimits, examples: int, seed: int) -> Dataset:
+    """Uniformly random joint positions in a box, for evaluation."""
+    joint_positions = box.sample(examples, np.random.default_rng(seed))
+    poses = robot.forward_kinematics.poses(joint_positions)
+    return Dataset(robot, joint_positions, poses, "random", {"size": examples}, seed)

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
-from annik_core.solver.options import RefinementOptions
-from annik_core.solver.refinement import Refinement
-from annik_core.solver.singularity import reflected_across_singularity
+from annik_core.solver.refinement import Refinement, reflected_across_singularity
+from annik_core.solver.result import RefinementOptions
 from annik_training.joint_box import mobility
 
 #: Most refinement steps towards the other solution.

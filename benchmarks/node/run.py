@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +42,6 @@ def run_node_bench(
         AnnikError: if a node can't be started, or no command of it arrives.
     """
     load_before = load()
-    arm = settings.arm if find_spec("pinocchio") is not None else ""
     timed = [
         NodeVariant(NULL, _SINGLE),
         NodeVariant(NULL, _EVENTS),
@@ -51,9 +49,9 @@ def run_node_bench(
         NodeVariant("ik_node", _EVENTS, "gantry"),
     ]
     started = [NodeVariant(NULL, _EVENTS), NodeVariant("ik_node", _EVENTS, "gantry")]
-    if arm:
-        timed.append(NodeVariant("ik_node", _EVENTS, arm))
-        started.append(NodeVariant("ik_node", _EVENTS, arm))
+    if settings.arm:
+        timed.append(NodeVariant("ik_node", _EVENTS, settings.arm))
+        started.append(NodeVariant("ik_node", _EVENTS, settings.arm))
     rng = np.random.default_rng(_SEED)
     with closing(Client()) as client:
         on_progress("round trips")
@@ -80,5 +78,4 @@ def run_node_bench(
             streams=streams,
             memory=memory,
             starts=starts,
-            skipped=() if arm == settings.arm else (f"ik_node {settings.arm}: no Pinocchio",),
         )

@@ -76,7 +76,6 @@ def test_help_lists_every_parameter_and_topic() -> None:
         ("onnxruntime.capi", "pip install onnxruntime"),
         ("geometry_msgs.msg", "source /opt/ros/jazzy/setup.bash"),
         ("rclpy", "source /opt/ros/jazzy/setup.bash"),
-        ("pinocchio", "pip install pin"),
         ("yaml", "apt install python3-yaml"),
     ],
 )

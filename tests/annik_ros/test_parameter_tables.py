@@ -13,7 +13,7 @@ from support.processes import run_python
 from annik_core.errors import InvalidValue
 from annik_core.safety import AcceptanceLimits, CommandSafety
 from annik_core.settings import setting
-from annik_core.solver.options import RefinementOptions
+from annik_core.solver.result import RefinementOptions
 from annik_ros.fake_robot.parameters import FakeRobotParameters
 from annik_ros.ik_node.parameters import IkNodeParameters
 from annik_ros.parameters import (

@@ -15,7 +15,7 @@ from support.processes import run_python
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import generate_dataset
 from annik_training.evaluation import evaluation_dataset, network_errors
 from annik_training.export import export_model
 from annik_training.fitting.fit import fit

@@ -14,7 +14,7 @@ from annik_core.errors import InvalidValue
 from annik_core.safety import AcceptanceLimits, CommandSafety
 from annik_core.settings import Setting, check_settings, setting, settings_of
 from annik_core.simulation.imperfections import ImperfectionMagnitudes, Imperfections
-from annik_core.solver.options import RefinementOptions
+from annik_core.solver.result import RefinementOptions
 from annik_core.target_paths import TargetPath
 
 

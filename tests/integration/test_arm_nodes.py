@@ -19,8 +19,8 @@ from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from msg_tools.conversions.joint_state import joint_state_from_array
+from msg_tools.conversions.pose import vector3_to_array
 from msg_tools.conversions.stamp import stamp_from_nanoseconds
-from msg_tools.conversions.vector3 import vector3_to_array
 
 ERRORS = ("tracking_error/position", "tracking_error/orientation")
 

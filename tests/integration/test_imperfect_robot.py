@@ -18,9 +18,8 @@ from annik_core.robots.library import load_robot
 from annik_core.simulation.imperfections import JOINT_ENTRIES, random_imperfections
 from msg_tools.bags.reader import read_bag
 from msg_tools.conversions.joint_state import joint_state_from_array
-from msg_tools.conversions.pose import pose_to_array
+from msg_tools.conversions.pose import pose_to_array, vector3_to_array
 from msg_tools.conversions.stamp import stamp_from_nanoseconds, stamp_to_nanoseconds
-from msg_tools.conversions.vector3 import vector3_to_array
 from msg_tools.report.tracking import tracking_report
 
 UR5E = load_robot("ur5e")

@@ -15,8 +15,7 @@ from support.processes import EXIT_PATIENCE
 
 from annik_core.pose import pose_from_roll_pitch_yaw
 from annik_core.target_paths import diagonal_path
-from msg_tools.conversions.pose import pose_to_array
-from msg_tools.conversions.vector3 import vector3_to_array
+from msg_tools.conversions.pose import pose_to_array, vector3_to_array
 
 RESULTS = (
     "joint_command",

@@ -23,8 +23,9 @@ from annik_core.errors import (
     WrongShape,
 )
 from annik_core.pose import POSE_FIELDS, checked_pose, pose_from_roll_pitch_yaw
-from msg_tools.conversions.joint_state import joint_state_from_array, joint_state_to_array
-from msg_tools.conversions.joint_trajectory import (
+from msg_tools.conversions.joint_state import (
+    joint_state_from_array,
+    joint_state_to_array,
     joint_trajectory_from_array,
     position_command_from_array,
 )
@@ -32,13 +33,11 @@ from msg_tools.conversions.pose import (
     pose_from_array,
     pose_stamped_from_array,
     pose_to_array,
-)
-from msg_tools.conversions.stamp import InvalidStamp, stamp_from_nanoseconds, stamp_to_nanoseconds
-from msg_tools.conversions.vector3 import (
     vector3_from_array,
     vector3_stamped_from_array,
     vector3_to_array,
 )
+from msg_tools.conversions.stamp import InvalidStamp, stamp_from_nanoseconds, stamp_to_nanoseconds
 
 JOINTS = ("shoulder", "elbow", "wrist")
 STAMP = Time(sec=12, nanosec=34)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from annik_core.dataset import Dataset, UnreadableDataset, load_dataset, save_dataset
 from annik_core.errors import NotWritable
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import generate_dataset
 
 
 @pytest.fixture(scope="module")

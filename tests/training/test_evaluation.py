@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import random_dataset
+from annik_training.designs.registry import random_dataset
 from annik_training.evaluation import ErrorSummary, network_errors
 
 

@@ -17,7 +17,7 @@ from annik_core.errors import NotWritable
 from annik_core.installation import default_model_path
 from annik_core.model.artifact import load_model
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_training.designs.registry import generate_dataset, random_dataset
 from annik_training.evaluation import evaluation_dataset, network_errors
 from annik_training.export import (
     EXPORT_TOLERANCE,

@@ -13,7 +13,7 @@ from support.urdf_texts import joint, planar_arm, urdf
 
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import random_dataset
+from annik_training.designs.registry import random_dataset
 from annik_training.fitting.branches import single_branch
 from annik_training.joint_box import findings, mobility
 

@@ -11,9 +11,9 @@ from annik_core.dataset import Dataset
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_core.solver.options import RefinementOptions
 from annik_core.solver.refinement import Refinement
-from annik_training.designs.sampling import random_dataset
+from annik_core.solver.result import RefinementOptions
+from annik_training.designs.registry import random_dataset
 from annik_training.evaluation import SAME_SOLUTION, NetworkErrors, network_errors
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import onnx
 import pytest
 from support.six_joint_arm import BASE, BOX, FLANGE, URDF
 
-from annik_core.errors import MissingDependency, RobotMismatch
+from annik_core.errors import RobotMismatch
 from annik_core.installation import model_path, packaged_models
 from annik_core.model.artifact import load_model
 from annik_core.model.errors import InvalidMetadata, ModelNotFound
@@ -134,28 +133,6 @@ def test_a_tampered_robot_with_its_own_hash_is_another_robot(
     )
     with pytest.raises(RobotMismatch):
         load_model(path, expected_robot=known)
-
-
-def test_without_pinocchio_the_file_is_not_called_damaged(
-    arm_model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The library is named with what installs it; the gantry's model needs none."""
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    with pytest.raises(MissingDependency) as caught:
-        load_model(arm_model)
-    assert caught.value.library == "pinocchio"
-    assert "pip install pin" in str(caught.value)
-    assert load_model("gantry").robot.name == "gantry"
-
-
-def test_another_project_of_pinocchios_name_is_told_apart(
-    arm_model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pinocchio", type(sys)("pinocchio"))
-    with pytest.raises(MissingDependency) as caught:
-        load_model(arm_model)
-    assert caught.value.library == "pinocchio"
-    assert "another project" in str(caught.value)
 
 
 def test_a_packaged_model_is_known_by_its_name_and_all_else_is_a_path(

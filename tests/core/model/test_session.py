@@ -54,7 +54,6 @@ def test_the_results_of_two_calls_are_two_arrays() -> None:
 def test_the_gantrys_encoding_is_computed_in_plain_floats_and_an_arms_in_the_graph() -> None:
     """The arm's takes four operators."""
     assert MODEL.after_features is not None
-    pytest.importorskip("pinocchio")
     assert load_model("ur5e").after_features is None
 
 

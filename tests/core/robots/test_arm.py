@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
-import types
 import warnings
 from functools import cache
 
@@ -17,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from support.refused_definition import refused_definition
 from support.urdf_texts import DECLARATION, J1, J2, TWO_JOINTS, joint, planar_arm, urdf
 
-from annik_core.errors import MissingDependency, WrongShape
+from annik_core.errors import WrongShape
 from annik_core.pose import FloatArray, pose_difference
-from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import ForwardKinematics, Robot
 from annik_core.robots.urdf_joint import CONTINUOUS_LIMIT
@@ -234,29 +231,6 @@ class TestDefinition:
         assert again.definition_hash == whole.definition_hash
 
 
-class TestPinocchio:
-    """Only arms need it; without it, the error tells what to install."""
-
-    def test_missing(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "pinocchio", None)
-        with pytest.raises(MissingDependency) as caught:
-            load_robot("ur5e")
-        assert caught.value.library == "pinocchio"
-        assert "pip install pin" in caught.value.remedy
-        assert load_robot("gantry").name == "gantry"
-
-    def test_another_project_of_this_name(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "pinocchio", types.ModuleType("pinocchio"))
-        with pytest.raises(MissingDependency) as caught:
-            load_robot("ur5e")
-        assert caught.value.library == "pinocchio"
-        assert "pip install pin" in caught.value.remedy
-
-    def test_is_not_asked_for_a_faulty_chain(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "pinocchio", None)
-        refused("<robot/>", "links")
-
-
 class TestKinematics:
     """Poses, errors and Jacobians agree with each other and with the arithmetic of poses."""
 
@@ -426,16 +400,3 @@ def test_a_nearer_end_effector_keeps_the_box_of_the_joints_that_are_left() -> No
     nearer = load_robot("ur5e", end_effector_frame="wrist_1_link")
     assert nearer.joint_names == whole.joint_names[:4]
     assert np.array_equal(nearer.joint_box.lower, whole.joint_box.lower[:4])
-
-
-def test_a_pinocchio_that_leaves_no_placement_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The residual of every command is read from there."""
-    import pinocchio
-
-    arm = load_robot("ur5e").forward_kinematics
-    monkeypatch.setattr(pinocchio, "computeFrameJacobian", lambda *_: np.zeros((6, 6)))
-    fresh = ArmKinematics(arm.joint_names, arm.urdf, arm.end_effector_frame)
-    with pytest.raises(MissingDependency) as caught:
-        fresh.joint_origins  # noqa: B018
-    assert caught.value.library == "pinocchio"
-    assert pinocchio.__version__ in caught.value.remedy

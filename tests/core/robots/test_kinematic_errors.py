@@ -9,7 +9,6 @@ import pytest
 from scipy.linalg import expm
 from support.urdf_texts import J1, joint, planar_arm, urdf
 
-from annik_core.robots.arm import ArmKinematics
 from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.kinematic_errors import (
     ErrorKind,
@@ -19,6 +18,7 @@ from annik_core.robots.kinematic_errors import (
 )
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import Robot
+from annik_core.robots.screw_chain import ScrewChain
 
 ARMS = tuple(name for name in packaged_robots() if name != "gantry")
 PRISMATIC = urdf("abc", J1, joint("j2", "b", "c", "prismatic", limit='lower="-0.5" upper="0.2"'))
@@ -32,9 +32,7 @@ def robot_of(source: str) -> Robot:
 
 
 def errors_of(source: str) -> tuple[GeometricError, ...]:
-    kinematics = robot_of(source).forward_kinematics
-    assert isinstance(kinematics, ArmKinematics)
-    return geometric_errors(kinematics)
+    return geometric_errors(robot_of(source))
 
 
 @pytest.fixture(params=[*ARMS, PRISMATIC, SKEWED, planar_arm()])
@@ -85,9 +83,7 @@ def test_a_motion_is_the_exponential_of_its_screw(source: str) -> None:
 
 def test_the_common_normal_is_at_right_angles_to_both_axes(source: str) -> None:
     """And meets both: at its foot this axis, along itself the next one."""
-    kinematics = robot_of(source).forward_kinematics
-    assert isinstance(kinematics, ArmKinematics)
-    chain = kinematics.screws
+    chain = ScrewChain.from_urdf(robot_of(source).definition["urdf"])
     dof = len(chain.axes)
     for error in errors_of(source):
         if error.kind is not ErrorKind.LINK_TWIST or error.place == dof:
@@ -113,9 +109,7 @@ def test_placements_are_the_errors_one_after_the_other(source: str) -> None:
     corrections = ArmCorrections(placements)
     definition = {**robot.definition, "corrections": corrections.to_dict()}
     corrected = robot_from_definition(definition, "x").forward_kinematics
-    kinematics = robot.forward_kinematics
-    assert isinstance(kinematics, ArmKinematics)
-    chain = kinematics.screws
+    chain = ScrewChain.from_urdf(robot.definition["urdf"])
     for joint_positions in robot.joint_box.sample(3, rng):
         matrix = np.eye(4)
         for place in range(robot.dof + 1):

@@ -17,8 +17,8 @@ from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import load_robot, packaged_robots
 from annik_core.robots.robot import ForwardKinematics, Linearisation, Robot
 from annik_core.solver import refinement
-from annik_core.solver.options import RefinementOptions, RefinementResult
 from annik_core.solver.refinement import Refinement
+from annik_core.solver.result import RefinementOptions, RefinementResult
 
 ROBOTS = packaged_robots()
 FAR_OFF = np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

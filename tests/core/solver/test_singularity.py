@@ -17,7 +17,7 @@ from support.urdf_texts import planar_arm
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_core.solver.singularity import reflected_across_singularity
+from annik_core.solver.refinement import reflected_across_singularity
 
 #: Never farther than this [rad], as the module says.
 FARTHEST = 1.5

@@ -14,7 +14,7 @@ from annik_core.errors import NonFiniteValue
 from annik_core.robots.library import load_robot, packaged_robots, robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_training.calibration.estimation import Estimate, estimate
-from annik_training.calibration.model import ParametricModel, Part, nominal_kinematics
+from annik_training.calibration.model import ParametricModel, Part, check_nominal_arm
 from annik_training.calibration.observations import Noise, Observations
 from annik_training.errors import UnsupportedRobot
 
@@ -107,7 +107,7 @@ class TestModel:
         learned = robot_from_definition({**nominal.definition, "corrections": data}, "x")
         for robot in (learned, gantry):
             with pytest.raises(UnsupportedRobot) as caught:
-                nominal_kinematics(robot)
+                check_nominal_arm(robot)
             assert robot.name in caught.value.robot
 
 

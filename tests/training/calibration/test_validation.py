@@ -12,7 +12,7 @@ from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_training.calibration.validation import evaluate_measured
 from annik_training.cli.evaluate import evaluation_summary, print_measured
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import generate_dataset
 
 
 def _calibrated(position_only: bool) -> Robot:

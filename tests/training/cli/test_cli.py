@@ -52,7 +52,7 @@ def test_help_names_every_command_and_says_what_it_does() -> None:
     assert invoke("-h").output == result.output
     shared = {"__init__", "__main__", "options", "output", "plots"}
     files = {path.stem for path in Path(str(cli_package.__file__)).parent.glob("*.py")}
-    assert set(COMMANDS) == files - shared - {"model_files"} | {"info", "convert", "export-urdf"}
+    assert set(COMMANDS) == files - shared - {"model_files"} | {"info", "export-urdf"}
     shown = " ".join(result.output.split())
     for command, sentence in COMMANDS.items():
         assert f"{command} {sentence}" in shown
@@ -70,7 +70,7 @@ def test_help_names_every_command_and_says_what_it_does() -> None:
         (["train", "--help"], {"matplotlib", "onnxruntime", "scipy", "torch"}),
         (["design", "--help"], {"matplotlib", "onnxruntime", "sympy", "torch"}),
         (["evaluate", "--help"], {"matplotlib", "torch"}),
-        (["convert", "--help"], {"scipy", "torch"}),
+        (["info", "--help"], {"scipy", "torch"}),
     ],
 )
 def test_help_and_report_load_nothing_heavy(arguments: list[str], forbidden: set[str]) -> None:

@@ -389,17 +389,3 @@ def test_what_makes_no_sense_is_one_line_and_exit_code_1(
     assert line.startswith("annik: ")
     assert complaint in line
     assert [path.name for path in Path().iterdir()] == ["arm.urdf"]
-
-
-def test_without_pinocchio_the_remedy_is_named(
-    arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """In one line; the gantry does not need it."""
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    monkeypatch.setattr(sys, "argv", ["annik", "robot", "arm.urdf", *FRAMES])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    (line,) = capsys.readouterr().err.splitlines()
-    assert caught.value.code == 1
-    assert line.startswith("annik: the kinematics of arms needs pinocchio: pip install pin")
-    assert invoke("robot", "gantry").exit_code == 0

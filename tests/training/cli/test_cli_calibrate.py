@@ -26,7 +26,7 @@ from annik_core.solver.ik_solver import IkSolver
 from annik_training.calibration.calibrate import CalibrationOptions
 from annik_training.calibration.errors import NotMeasured
 from annik_training.cli import cli, main
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import generate_dataset
 
 TRUTH = ImperfectUr5e.drawn(1)
 UR5E = load_robot("ur5e")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from annik_core.robots.library import load_robot
 from annik_training.cli import plots
-from annik_training.designs.sampling import random_dataset
+from annik_training.designs.registry import random_dataset
 from annik_training.evaluation import NetworkErrors, network_errors
 
 

@@ -11,9 +11,9 @@ from annik_core.dataset import Dataset
 from annik_core.pose import pose_distance
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_core.solver.options import RefinementOptions
 from annik_core.solver.refinement import Refinement
-from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_core.solver.result import RefinementOptions
+from annik_training.designs.registry import generate_dataset, random_dataset
 from annik_training.fitting.branches import branch_signs, single_branch
 from annik_training.fitting.fit import fit
 from annik_training.fitting.options import FitOptions

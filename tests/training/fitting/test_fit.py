@@ -12,7 +12,7 @@ from annik_core.dataset import Dataset
 from annik_core.pose import pose_difference
 from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_training.designs.registry import generate_dataset, random_dataset
 from annik_training.fitting.fit import TooFewExamples, dataset_examples, fit
 from annik_training.fitting.options import FitOptions
 from annik_training.fitting.problem import InverseKinematicsSystem

@@ -11,7 +11,7 @@ import torch
 from annik_core.dataset import Dataset
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import generate_dataset
+from annik_training.designs.registry import generate_dataset
 from annik_training.fitting import lbfgs as quasi_newton
 from annik_training.fitting.fit import dataset_examples, fit, scaled_examples, untrained_network
 from annik_training.fitting.lbfgs import minimise_all_weights, outputs_and_derivatives

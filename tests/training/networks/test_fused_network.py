@@ -12,7 +12,7 @@ from annik_core.model.graph import nodes_after
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
-from annik_training.designs.sampling import generate_dataset, random_dataset
+from annik_training.designs.registry import generate_dataset, random_dataset
 from annik_training.fitting.fit import FittedNetwork, fit
 from annik_training.fitting.options import FitOptions
 from annik_training.networks.network import InverseKinematicsNetwork

@@ -1,0 +1,186 @@
+// Forward kinematics of a serial chain, with the corrections of a calibrated robot.
+
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "geometry.hpp"
+#include "linear_algebra.hpp"
+
+namespace annik {
+
+constexpr double FULL_TURN = 6.283185307179586476925286766559;
+
+// A joint turns about or moves along the z axis of its frame.
+struct Joint {
+  Placement placement;  // in the frame of the joint before
+  bool turns = true;
+};
+
+// actual = q + sum of output * tanh(input * x + bias), x = (q - centre) / half_width.
+struct JointNetworks {
+  std::size_t hidden = 0;
+  std::vector<double> input, bias, output;  // joint by joint
+};
+
+// motion = output tanh(input x + bias), a twist in the end effector's frame.
+struct PoseNetwork {
+  std::size_t hidden = 0;
+  std::vector<double> input, bias, output;  // unit by unit: joints, one, six
+};
+
+// Of joint positions to the box in which corrections are known, [-1, 1].
+struct Scaling {
+  Joints centre{}, half_width{};
+};
+
+// Error to a target and its derivative, in the axes of the end effector's frame.
+struct Linearisation {
+  Twist twist;
+  Jacobian jacobian;
+  Vector3 displacement;
+
+  double squared() const { return dot(twist, twist); }
+  double position_residual() const { return norm(displacement); }
+  double orientation_residual() const { return norm({twist[3], twist[4], twist[5]}); }
+};
+
+class Chain {
+ public:
+  std::vector<Joint> joints;
+  Placement end_effector;  // in the frame of the last joint
+  std::optional<JointNetworks> joint_networks;
+  std::optional<PoseNetwork> pose_network;
+  Scaling joint_scaling, pose_scaling;
+  // Joints whose corrections are known in one turn only, around these centres.
+  std::vector<std::size_t> wrapped;
+  Joints wrap_centre{};
+
+  std::size_t size() const { return joints.size(); }
+
+  Placement pose(const Joints& commanded) const {
+    const Joints inside = in_one_turn(commanded);
+    Joints derivatives;
+    const Placement plain = end_of(actual(inside, derivatives), nullptr);
+    return pose_network ? plain * motion(inside) : plain;
+  }
+
+  // In the axes of the base frame, as pose() has its position, but without the derivative of the
+  // pose network, which is a thousand times smaller.
+  void jacobian(const Joints& commanded, Jacobian& result) const {
+    Joints derivatives;
+    const Joints positions = actual(in_one_turn(commanded), derivatives);
+    to_columns(end_of(positions, &result), derivatives, result);
+  }
+
+  void linearise(const Joints& commanded, const Placement& target, Linearisation& result) const {
+    const Joints inside = in_one_turn(commanded);
+    Joints derivatives;
+    const Joints positions = actual(inside, derivatives);
+    const Placement reached = end_of(positions, &result.jacobian);
+    // The target is reached with the motion where the target moved back is reached without it.
+    const Placement wanted = pose_network ? moved_back(target, motion(inside)) : target;
+    const Rotation& axes = reached.rotation;
+    result.displacement = axes.inverse_times(wanted.position - reached.position);
+    result.twist = logarithm({axes.inverse_times(wanted.rotation), result.displacement});
+    to_columns(reached, derivatives, result.jacobian);
+    for (std::size_t joint = 0; joint < size(); ++joint) {
+      Column& c = result.jacobian[joint];
+      const Vector3 linear = axes.inverse_times(Vector3{c[0], c[1], c[2]});
+      const Vector3 angular = axes.inverse_times(Vector3{c[3], c[4], c[5]});
+      c = {linear[0], linear[1], linear[2], angular[0], angular[1], angular[2]};
+    }
+  }
+
+ private:
+  // Without corrections. ``axes``: z axis and origin of each joint, three numbers each.
+  Placement end_of(const Joints& positions, Jacobian* axes) const {
+    Placement frame;
+    for (std::size_t joint = 0; joint < size(); ++joint) {
+      frame = frame * joints[joint].placement;
+      Rotation& r = frame.rotation;
+      if (axes)
+        (*axes)[joint] = {r.z[0],           r.z[1],           r.z[2],
+                          frame.position[0], frame.position[1], frame.position[2]};
+      if (joints[joint].turns) {
+        const double sine = std::sin(positions[joint]), cosine = std::cos(positions[joint]);
+        const Vector3 x = r.x;
+        r.x = cosine * x + sine * r.y;
+        r.y = cosine * r.y - sine * x;
+      } else {
+        frame.position = frame.position + positions[joint] * r.z;
+      }
+    }
+    return frame * end_effector;
+  }
+
+  // From axes and origins to motions of the end effector per unit of commanded motion.
+  void to_columns(const Placement& reached, const Joints& derivatives, Jacobian& columns) const {
+    for (std::size_t joint = 0; joint < size(); ++joint) {
+      Column& c = columns[joint];
+      const Vector3 axis = derivatives[joint] * Vector3{c[0], c[1], c[2]};
+      const Vector3 lever = reached.position - Vector3{c[3], c[4], c[5]};
+      const Vector3 linear = joints[joint].turns ? cross(axis, lever) : axis;
+      const Vector3 angular = joints[joint].turns ? axis : Vector3{0.0, 0.0, 0.0};
+      c = {linear[0], linear[1], linear[2], angular[0], angular[1], angular[2]};
+    }
+  }
+
+  Joints in_one_turn(Joints positions) const {
+    for (std::size_t joint : wrapped)
+      positions[joint] -=
+          FULL_TURN * std::nearbyint((positions[joint] - wrap_centre[joint]) / FULL_TURN);
+    return positions;
+  }
+
+  // Actual joint positions, and their derivatives by the commanded ones.
+  Joints actual(Joints positions, Joints& derivatives) const {
+    derivatives.fill(1.0);
+    if (!joint_networks) return positions;
+    const JointNetworks& network = *joint_networks;
+    for (std::size_t joint = 0; joint < size(); ++joint) {
+      const double half_width = joint_scaling.half_width[joint];
+      const double scaled = (positions[joint] - joint_scaling.centre[joint]) / half_width;
+      const std::size_t begin = joint * network.hidden;
+      for (std::size_t unit = begin; unit < begin + network.hidden; ++unit) {
+        const double activation = std::tanh(network.input[unit] * scaled + network.bias[unit]);
+        positions[joint] += network.output[unit] * activation;
+        derivatives[joint] += network.output[unit] * network.input[unit] / half_width *
+                              (1.0 - activation * activation);
+      }
+    }
+    return positions;
+  }
+
+  // A twist so small that half the cross product is the exponential's coupling of rotation and
+  // translation, to 1e-9 m.
+  Placement motion(const Joints& positions) const {
+    const PoseNetwork& network = *pose_network;
+    Joints scaled;
+    for (std::size_t joint = 0; joint < size(); ++joint)
+      scaled[joint] = (positions[joint] - pose_scaling.centre[joint]) /
+                      pose_scaling.half_width[joint];
+    Twist twist{};
+    for (std::size_t unit = 0; unit < network.hidden; ++unit) {
+      double sum = network.bias[unit];
+      for (std::size_t joint = 0; joint < size(); ++joint)
+        sum += network.input[unit * size() + joint] * scaled[joint];
+      const double activation = std::tanh(sum);
+      for (std::size_t row = 0; row < 6; ++row)
+        twist[row] += network.output[unit * 6 + row] * activation;
+    }
+    const Vector3 linear{twist[0], twist[1], twist[2]}, angular{twist[3], twist[4], twist[5]};
+    return {rotation_about(angular), linear + 0.5 * cross(angular, linear)};
+  }
+
+  static Placement moved_back(const Placement& target, const Placement& motion) {
+    const Rotation rotation = target.rotation * motion.rotation.inverse();
+    return {rotation, target.position - rotation * motion.position};
+  }
+};
+
+}  // namespace annik

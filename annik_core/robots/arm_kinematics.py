@@ -1,0 +1,260 @@
+"""Forward kinematics of arms: compiled where the kernel can be used, otherwise in NumPy."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from annik_core.kernel import compiled_kernel
+from annik_core.pose import FloatArray, rotation_matrix
+from annik_core.robots.corrections import ArmCorrections, JointCorrection, PoseNetwork
+from annik_core.robots.robot import (
+    ForwardKinematics,
+    Linearisation,
+    check_joint_count,
+    unwrapped,
+)
+from annik_core.robots.screw_chain import ScrewChain
+
+#: Below this angle [rad] a series replaces a quotient of two small numbers.
+_SMALL = 1e-3
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+
+
+def arm_kinematics(
+    joint_names: tuple[str, ...],
+    chain: ScrewChain,
+    corrections: ArmCorrections | None = None,
+    turning: Sequence[int] = (),
+    centre: FloatArray | float = 0.0,
+) -> ForwardKinematics:
+    """Forward kinematics of a chain with the corrections of a calibration.
+
+    Corrections are known in one turn of the joints ``turning``, that around ``centre``, ``(dof,)``
+    or one number [rad], and the same in every other.
+    """
+    joint = pose = None
+    if corrections is not None:
+        chain = chain.moved(corrections.placements)
+        joint, pose = corrections.joint_networks, corrections.pose_network
+    if joint is None and pose is None:
+        turning = ()
+    kernel = compiled_kernel()
+    if kernel is None:
+        kinematics: ForwardKinematics = ArmKinematics(joint_names, chain)
+        if joint is not None:
+            kinematics = JointCorrectedKinematics(kinematics, joint)
+        if pose is not None:
+            kinematics = PoseCorrectedKinematics(kinematics, pose)
+        if turning:
+            kinematics = JointCorrectedKinematics(kinematics, OneTurn(centre, turning))
+        return kinematics
+    around = np.broadcast_to(centre, (len(chain.axes),))
+    compiled = kernel.Chain(chain.placements, chain.axes, joint, pose, turning, around)
+    return CompiledKinematics(joint_names, compiled)
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledKinematics(ForwardKinematics):
+    """Forward kinematics of an arm in the compiled kernel, with all its corrections."""
+
+    joint_names: tuple[str, ...]
+    compiled: Any
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        check_joint_count(joint_positions, self.joint_names)
+        poses: FloatArray = self.compiled.poses(joint_positions)
+        return poses
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        check_joint_count(joint_positions, self.joint_names)
+        jacobians: FloatArray = self.compiled.jacobians(joint_positions)
+        return jacobians
+
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        return Linearisation(*self.compiled.linearise(joint_positions, target))
+
+    def residuals(self, joint_positions: FloatArray, target: FloatArray) -> tuple[float, float]:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.residuals`."""
+        residuals: tuple[float, float] = self.compiled.residuals(joint_positions, target)
+        return residuals
+
+
+@dataclass(frozen=True, eq=False)
+class ArmKinematics(ForwardKinematics):
+    """Forward kinematics of a chain in NumPy: the reference of the compiled kernel."""
+
+    joint_names: tuple[str, ...]
+    chain: ScrewChain
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        from scipy.spatial.transform import Rotation
+
+        check_joint_count(joint_positions, self.joint_names)
+        last = self.chain.frames(joint_positions)[-1]
+        quaternions = Rotation.from_matrix(last[:, :3, :3]).as_quat(canonical=True)
+        return np.concatenate([last[:, :3, 3], quaternions], axis=1)
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        check_joint_count(joint_positions, self.joint_names)
+        return self._jacobians(self.chain.frames(joint_positions))
+
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        frames = self.chain.frames(joint_positions)
+        axes = frames[-1, :3, :3].T
+        jacobian = self._jacobians(frames)
+        displacement = axes @ (target[:3] - frames[-1, :3, 3])
+        return Linearisation(
+            _logarithm(axes @ rotation_matrix(target[3:]), displacement),
+            np.concatenate([axes @ jacobian[:3], axes @ jacobian[3:]]),
+            displacement,
+        )
+
+    def _jacobians(self, frames: FloatArray) -> FloatArray:
+        """``(..., 6, dof)`` in the axes of the base frame."""
+        joints, end = frames[:-1], frames[-1]
+        rotations = np.moveaxis(joints[..., :3, :3], 0, -3)
+        linear, angular = (
+            (rotations @ self.chain.axes[:, part, np.newaxis])[..., 0]
+            for part in (slice(0, 3), slice(3, 6))
+        )
+        levers = np.moveaxis(end[..., :3, 3] - joints[..., :3, 3], 0, -2)
+        # As np.cross, which takes longer to be called than to compute.
+        linear = linear + (
+            angular[..., _NEXT] * levers[..., _AFTER] - angular[..., _AFTER] * levers[..., _NEXT]
+        )
+        return np.concatenate([linear, angular], axis=-1).swapaxes(-1, -2)
+
+
+def _logarithm(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """The twist ``(6,)`` whose exponential, in SE(3), is a rotation ``(3, 3)`` and position."""
+    a, b, c, w = _quaternion(rotation)
+    x, y, z = position.tolist()
+    sine = math.hypot(a, b, c)
+    angle = 2.0 * math.atan2(sine, w)
+    scale = angle / sine if sine > 0.0 else 2.0
+    a, b, c = scale * a, scale * b, scale * c
+    if angle < _SMALL:
+        factor = 1.0 / 12.0 + angle * angle / 720.0
+    else:
+        factor = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / (angle * angle)
+    d, e, f = b * z - c * y, c * x - a * z, a * y - b * x
+    return np.array(
+        [
+            x - 0.5 * d + factor * (b * f - c * e),
+            y - 0.5 * e + factor * (c * d - a * f),
+            z - 0.5 * f + factor * (a * e - b * d),
+            *(a, b, c),
+        ]
+    )
+
+
+def _quaternion(rotation: FloatArray) -> list[float]:
+    """Unit quaternion x, y, z, w, w >= 0, of a rotation ``(3, 3)``, from its largest part."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    squares = [1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz]
+    quaternion = (
+        [squares[0], xy + yx, xz + zx, zy - yz],
+        [xy + yx, squares[1], yz + zy, xz - zx],
+        [xz + zx, yz + zy, squares[2], yx - xy],
+        [zy - yz, xz - zx, yx - xy, squares[3]],
+    )[squares.index(max(squares))]
+    norm = math.copysign(math.hypot(*quaternion), quaternion[3])
+    return [part / norm for part in quaternion]
+
+
+@dataclass(frozen=True, eq=False)
+class JointCorrectedKinematics(ForwardKinematics):
+    """Forward kinematics as a function of commanded instead of actual joint positions."""
+
+    kinematics: ForwardKinematics
+    correction: JointCorrection
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        return self.kinematics.poses(self.correction.actual(joint_positions))
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        jacobians = self.kinematics.jacobians(self.correction.actual(joint_positions))
+        return jacobians * self.correction.derivatives(joint_positions)[:, np.newaxis, :]
+
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        actual = self.correction.actual(joint_positions)
+        found = self.kinematics.linearise(actual, target)
+        found.jacobian = found.jacobian * self.correction.derivatives(joint_positions)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCorrectedKinematics(ForwardKinematics):
+    """Forward kinematics followed by a small motion of the end effector in its own frame.
+
+    The Jacobians are those without the motion, whose derivative is a thousand times smaller than
+    the pose's: a refinement takes no more steps.
+    """
+
+    kinematics: ForwardKinematics
+    network: PoseNetwork
+
+    def poses(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        return _moved(
+            self.kinematics.poses(joint_positions), self.network.motions(joint_positions)
+        )
+
+    def jacobians(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.robot.ForwardKinematics`."""
+        return self.kinematics.jacobians(joint_positions)
+
+    def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
+        """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
+        # The target is reached with the motion where the target moved back is reached without it.
+        motion = self.network.motions(joint_positions[np.newaxis])
+        moved = _moved(target[np.newaxis], motion, reverse=True)[0]
+        return self.kinematics.linearise(joint_positions, moved)
+
+
+@dataclass(frozen=True, eq=False)
+class OneTurn(JointCorrection):
+    """Continuous joints in the turn around ``centre``, in which corrections are known."""
+
+    centre: FloatArray | float
+    turning: Sequence[int]
+
+    def actual(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
+        return unwrapped(joint_positions, self.centre, self.turning)
+
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
+        return np.ones_like(joint_positions)
+
+
+def _moved(poses: FloatArray, motions: FloatArray, *, reverse: bool = False) -> FloatArray:
+    """Poses ``(n, 7)`` moved by twists ``(n, 6)`` in their own frames, or back by them.
+
+    The twists are so small that half the cross product is the exponential's coupling of rotation
+    and translation, to 1e-9 m.
+    """
+    from scipy.spatial.transform import Rotation
+
+    linear, angular = motions[:, :3], motions[:, 3:]
+    linear = linear + 0.5 * np.cross(angular, linear)
+    turn = Rotation.from_rotvec(angular)
+    if reverse:
+        turn = turn.inv()
+        linear = -turn.apply(linear)
+    before = Rotation.from_quat(poses[:, 3:])
+    return np.concatenate(
+        [poses[:, :3] + before.apply(linear), (before * turn).as_quat(canonical=True)], axis=1
+    )

@@ -1,0 +1,305 @@
+"""The compiled kernel computes what the readable Python does; Pinocchio agrees with both."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from annik_core.kernel import compiled_kernel
+from annik_core.pose import FloatArray
+from annik_core.robots.arm_kinematics import (
+    ArmKinematics,
+    CompiledKinematics,
+    arm_kinematics,
+)
+from annik_core.robots.corrections import ArmCorrections, JointNetworks, PoseNetwork
+from annik_core.robots.joint_limits import JointLimits
+from annik_core.robots.library import load_robot
+from annik_core.robots.robot import ForwardKinematics
+from annik_core.robots.screw_chain import ScrewChain
+from annik_core.solver.ik_solver import CompiledRefinement
+from annik_core.solver.refinement import Refinement
+
+pytestmark = pytest.mark.skipif(compiled_kernel() is None, reason="the kernel is not compiled")
+
+ARMS = ("iiwa14", "panda", "puma560", "scara", "ur5e", "xarm6")
+CHAINS = 200
+#: Between the two ways to compute the same [rad or m].
+SAME = 1e-9
+#: Where more joints are free than the pose has coordinates, the damping of 1e-12 alone decides
+#: what they do beside reaching it, and rounding is magnified.
+SAME_OF_REDUNDANT = 1e-6
+
+
+def motion(rng: np.random.Generator, length: float, angle: float) -> FloatArray:
+    turn = Rotation.from_rotvec(rng.normal(size=3) * angle).as_quat(canonical=True)
+    return np.concatenate([rng.normal(size=3) * length, turn])
+
+
+def drawn_chain(rng: np.random.Generator) -> ScrewChain:
+    """Three to eight joints, one in five prismatic, anywhere and in any direction."""
+    dof = int(rng.integers(3, 9))
+    axes = np.zeros((dof, 6))
+    for axis in axes:
+        direction = rng.normal(size=3)
+        part = slice(0, 3) if rng.random() < 0.2 else slice(3, 6)
+        axis[part] = direction / np.linalg.norm(direction)
+    # Along z both ways, as most robots have it.
+    axes[0] = [0, 0, 0, 0, 0, 1]
+    axes[1] = [0, 0, 0, 0, 0, -1]
+    chain = ScrewChain(np.tile(np.eye(4), (dof + 1, 1, 1)), axes)
+    return chain.moved(np.array([motion(rng, 0.3, 1.0) for _ in range(dof + 1)]))
+
+
+def drawn_corrections(rng: np.random.Generator, dof: int) -> ArmCorrections:
+    centre, half_width = rng.normal(size=dof), rng.uniform(0.5, 2.0, dof)
+    joints = JointNetworks(
+        centre, half_width, *rng.normal(size=(2, dof, 4)), 1e-3 * rng.normal(size=(dof, 4))
+    )
+    pose = PoseNetwork(
+        *(centre, half_width, rng.normal(size=(6, dof)), rng.normal(size=6)),
+        1e-3 * rng.normal(size=(6, 6)),
+    )
+    placements = np.array([motion(rng, 1e-3, 1e-3) for _ in range(dof + 1)])
+    parts = [(joints, pose), (joints, None), (None, pose), (None, None)][int(rng.integers(4))]
+    return ArmCorrections(placements, *parts)
+
+
+class Both:
+    """A drawn chain with its corrections, compiled and in NumPy."""
+
+    def __init__(self, seed: int, monkeypatch: pytest.MonkeyPatch, corrected: bool) -> None:
+        self.rng = np.random.default_rng(seed)
+        chain = drawn_chain(self.rng)
+        self.dof = len(chain.axes)
+        self.names = tuple(f"joint_{number}" for number in range(self.dof))
+        corrections = drawn_corrections(self.rng, self.dof) if corrected else None
+        turning = [int(np.flatnonzero(chain.axes[:, 3:].any(axis=1))[0])] if corrected else []
+        arguments = (self.names, chain, corrections, turning, self.rng.normal(size=self.dof))
+        self.compiled = arm_kinematics(*arguments)
+        with monkeypatch.context() as patch:
+            patch.setattr("annik_core.robots.arm_kinematics.compiled_kernel", lambda: None)
+            self.readable = arm_kinematics(*arguments)
+        assert isinstance(self.compiled, CompiledKinematics)
+        lower = self.rng.uniform(-3.0, 0.0, self.dof)
+        upper = lower + self.rng.uniform(0.1, 3.0, self.dof)
+        if self.dof > 6:
+            upper[-1] = lower[-1]  # locked
+        self.box = JointLimits(self.names, lower, upper)
+
+    def drawn(self, count: int) -> FloatArray:
+        return self.rng.uniform(self.box.lower, self.box.upper, (count, self.dof))
+
+
+def check_same_kinematics(
+    first: ForwardKinematics, second: ForwardKinematics, joint_positions: FloatArray
+) -> None:
+    poses = first.poses(joint_positions)
+    assert poses == pytest.approx(second.poses(joint_positions), abs=1e-12)
+    jacobians = first.jacobians(joint_positions)
+    assert jacobians == pytest.approx(second.jacobians(joint_positions), abs=1e-12)
+    for positions, target in zip(joint_positions, np.roll(poses, 1, axis=0), strict=True):
+        found, expected = (way.linearise(positions, target) for way in (first, second))
+        assert found.twist == pytest.approx(expected.twist, abs=1e-10)
+        assert found.jacobian == pytest.approx(expected.jacobian, abs=1e-12)
+        assert found.displacement == pytest.approx(expected.displacement, abs=1e-12)
+        assert first.residuals(positions, target) == pytest.approx(found.residuals, rel=1e-12)
+
+
+def check_same_refinement(
+    compiled: ForwardKinematics,
+    readable: ForwardKinematics,
+    box: JointLimits,
+    starts: FloatArray,
+    targets: FloatArray,
+) -> int:
+    """How many converge."""
+    assert isinstance(compiled, CompiledKinematics)
+    fast = CompiledRefinement(compiled, box)
+    slow = Refinement(readable, box)
+    results = [fast.refine(*pair) for pair in zip(starts, targets, strict=True)]
+    for result, start, target in zip(results, starts, targets, strict=True):
+        expected = slow.refine(start, target)
+        assert result.converged == expected.converged
+        assert result.newton_steps == expected.newton_steps
+        if result.converged:
+            same = SAME_OF_REDUNDANT if len(box.free) > 6 else SAME
+            assert result.joint_positions == pytest.approx(expected.joint_positions, abs=same)
+        assert (result.joint_positions >= box.lower).all()
+        assert (result.joint_positions <= box.upper).all()
+    for one, other in zip(fast.refine_batch(starts, targets), results, strict=True):
+        assert np.array_equal(one.joint_positions, other.joint_positions)
+        assert one[1:] == other[1:]
+    for threads in (1, 3):
+        positions, *_ = fast.compiled.refine_batch(starts, targets, threads)
+        assert np.array_equal(positions, [result.joint_positions for result in results])
+    return sum(result.converged for result in results)
+
+
+@pytest.mark.parametrize("corrected", [False, True], ids=["nominal", "corrected"])
+def test_drawn_chains(corrected: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Positions, derivatives, and where refinements end, from starts near and far."""
+    converged = 0
+    for seed in range(CHAINS // 2):
+        both = Both(seed, monkeypatch, corrected)
+        check_same_kinematics(both.compiled, both.readable, 2.0 * both.drawn(3))
+        goals = both.drawn(2)
+        targets = both.readable.poses(goals)
+        near = goals + 0.05 * both.rng.normal(size=goals.shape)
+        starts = np.concatenate([near, both.drawn(1)])
+        converged += check_same_refinement(
+            both.compiled, both.readable, both.box, starts, targets[[0, 1, 0]]
+        )
+    assert converged > CHAINS
+
+
+@pytest.fixture(params=ARMS)
+def arm(request: pytest.FixtureRequest) -> Iterator[Any]:
+    yield load_robot(request.param)
+
+
+def readable_kinematics(robot: Any) -> ArmKinematics:
+    return ArmKinematics(robot.joint_names, ScrewChain.from_urdf(robot.definition["urdf"]))
+
+
+def test_packaged_arms(arm: Any) -> None:
+    """Inside the box, at its corners, where axes are aligned, and half a turn from the target."""
+    rng = np.random.default_rng(2)
+    readable, box = readable_kinematics(arm), arm.joint_box
+    inside = rng.uniform(box.lower, box.upper, (20, arm.dof))
+    corners = np.where(rng.random((4, arm.dof)) < 0.5, box.lower, box.upper)
+    zero = np.clip(np.zeros((1, arm.dof)), box.lower, box.upper)
+    goals = np.concatenate([inside, corners, zero])
+    check_same_kinematics(arm.forward_kinematics, readable, goals)
+    targets = readable.poses(goals)
+    half_turn = targets[:5].copy()
+    half_turn[:, 3:] = (
+        Rotation.from_quat(half_turn[:, 3:]) * Rotation.from_rotvec([np.pi - 1e-7, 0.0, 0.0])
+    ).as_quat(canonical=True)
+    starts = rng.uniform(box.lower, box.upper, goals.shape)
+    for begin, wanted in (
+        (starts, targets),
+        (goals[:5], half_turn),
+        (corners[[0] * 5], targets[:5]),
+    ):
+        check_same_refinement(arm.forward_kinematics, readable, arm.search_box, begin, wanted)
+
+
+def test_packaged_arms_are_those_of_pinocchio(arm: Any) -> None:
+    pinocchio = pytest.importorskip("pinocchio")
+    urdf = arm.definition["urdf"].replace('type="continuous"', 'type="revolute"')
+    model = pinocchio.buildModelFromXML(urdf)
+    data = model.createData()
+    frame = model.getFrameId(arm.end_effector_frame, pinocchio.FrameType.BODY)
+    joint_positions = arm.joint_box.sample(20, np.random.default_rng(4))
+    poses = arm.forward_kinematics.poses(joint_positions)
+    jacobians = arm.forward_kinematics.jacobians(joint_positions)
+    for positions, pose, jacobian in zip(joint_positions, poses, jacobians, strict=True):
+        pinocchio.framesForwardKinematics(model, data, positions)
+        placement = data.oMf[frame]
+        assert pose[:3] == pytest.approx(placement.translation, abs=1e-12)
+        rotation = Rotation.from_quat(pose[3:]).as_matrix()
+        assert rotation == pytest.approx(placement.rotation, abs=1e-12)
+        axes = pinocchio.LOCAL_WORLD_ALIGNED
+        expected = pinocchio.computeFrameJacobian(model, data, positions, frame, axes)
+        assert jacobian == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous"])
+def test_an_arm_of_one_joint(kind: str) -> None:
+    limit = "" if kind == "continuous" else '<limit lower="-0.4" upper="0.5"/>'
+    robot = load_robot(
+        '<robot name="one"><link name="a"/><link name="b"/><link name="tool"/>'
+        f'<joint name="j" type="{kind}"><parent link="a"/><child link="b"/>'
+        f'<origin xyz="0.1 0 0.2"/><axis xyz="0 1 0"/>{limit}</joint>'
+        '<joint name="t" type="fixed"><parent link="b"/><child link="tool"/>'
+        '<origin xyz="0 0 0.3"/></joint></robot>'
+    )
+    readable, goals = readable_kinematics(robot), np.array([[0.3], [-0.2]])
+    check_same_kinematics(robot.forward_kinematics, readable, goals)
+    arguments = (robot.search_box, goals[::-1], readable.poses(goals))
+    assert check_same_refinement(robot.forward_kinematics, readable, *arguments) == 2
+
+
+class TestBadInput:
+    """Refused or harmless, never undefined."""
+
+    robot = load_robot("ur5e")
+    kinematics = robot.forward_kinematics
+    at = robot.joint_box.centre
+    target = kinematics.poses(at[np.newaxis])[0]
+
+    def refinement(self) -> CompiledRefinement:
+        assert isinstance(self.kinematics, CompiledKinematics)
+        return CompiledRefinement(self.kinematics, self.robot.search_box)
+
+    @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+    def test_numbers_that_are_not_finite_take_no_step(self, number: float) -> None:
+        for start, target in (
+            (np.where(np.arange(6) == 2, number, self.at), self.target),
+            (self.at, np.where(np.arange(7) == 1, number, self.target)),
+        ):
+            result = self.refinement().refine(start, target)
+            assert not result.converged or not np.isnan(number)
+
+    @pytest.mark.parametrize("shape", [(), (5,), (7,), (1, 6), (0,)])
+    def test_wrong_shapes(self, shape: tuple[int, ...]) -> None:
+        assert isinstance(self.kinematics, CompiledKinematics)
+        wrong = np.zeros(shape)
+        with pytest.raises(ValueError, match="shape"):
+            self.kinematics.compiled.linearise(wrong, self.target)
+        with pytest.raises(ValueError, match="shape"):
+            self.refinement().compiled.refine(wrong, self.target)
+        with pytest.raises(ValueError, match="shape"):
+            self.refinement().compiled.refine_batch(wrong[np.newaxis], self.target[np.newaxis], 1)
+
+    def test_any_layout_and_type_of_numbers(self) -> None:
+        strided = np.zeros((6, 3))
+        strided[:, 1] = self.at
+        expected = self.kinematics.poses(self.at[np.newaxis])
+        for same in (strided[:, 1], self.at.astype(">f8"), self.at.tolist()):
+            rows = np.asarray(same)[np.newaxis]
+            assert np.array_equal(self.kinematics.poses(rows), expected)
+        single = self.at.astype(np.float32)[np.newaxis]
+        assert self.kinematics.poses(single) == pytest.approx(expected, abs=1e-6)
+
+    def test_what_is_no_number(self) -> None:
+        assert isinstance(self.kinematics, CompiledKinematics)
+        for wrong in ("six", None, [object()] * 6):
+            with pytest.raises((TypeError, ValueError)):
+                self.kinematics.compiled.linearise(wrong, self.target)
+
+    def test_chains_that_are_none(self) -> None:
+        kernel = compiled_kernel()
+        for placements, axes in (
+            (np.eye(4)[np.newaxis], np.zeros((0, 6))),
+            (np.zeros((34, 4, 4)), np.zeros((33, 6))),
+            (np.zeros((2, 4, 4)), np.zeros((2, 6))),
+            (np.zeros((2, 4, 4)), np.zeros(6)),
+        ):
+            with pytest.raises(ValueError):
+                kernel.Chain(placements, axes, None, None, (), ())
+        whole = np.tile(np.eye(4), (2, 1, 1)), np.eye(6)[5:]
+        chain = kernel.Chain(*whole, None, None, (), ())
+        with pytest.raises(ValueError):
+            kernel.Refinement(chain, np.zeros(1), np.zeros(1), 10, 1e-6)  # locked
+        for joint_networks, wrapped, centre in (
+            (None, (1,), np.zeros(1)),
+            (None, (0,), np.zeros(2)),
+            (None, (-1,), np.zeros(1)),
+            (self.robot, (), ()),
+        ):
+            with pytest.raises((AttributeError, TypeError, ValueError)):
+                kernel.Chain(*whole, joint_networks, None, wrapped, centre)
+
+    def test_threads_share_it(self) -> None:
+        refinement, rng = self.refinement(), np.random.default_rng(6)
+        starts = self.robot.joint_box.sample(200, rng)
+        expected = [refinement.refine(start, self.target) for start in starts]
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(lambda start: refinement.refine(start, self.target), starts))
+        for one, other in zip(found, expected, strict=True):
+            assert np.array_equal(one.joint_positions, other.joint_positions)
