@@ -340,6 +340,9 @@ class Soak:
             self._client.take_messages(0.01)
         self._client.node.destroy_publisher(publisher)
         self._find_each_other()
+        self.check()
+        # From then on the node may lose targets of a burst, as it has said. Begin with a new one.
+        self._kill_the_ik_node()
 
     def _publish_broken_joint_states(self) -> None:
         for _ in range(100):
