@@ -12,9 +12,8 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from annik_core.errors import listed
-from annik_core.serving.stamps import LAST_STAMP
 from annik_core.serving.statistics import LEAST_RATE, MANY, OutcomeSummary, SolveSummary
-from msg_tools.conversions.stamp import stamp_from_nanoseconds
+from msg_tools.conversions.stamp import nearest_stamp
 from msg_tools.topics import DIAGNOSTICS
 
 #: Time from one report to the next [s].
@@ -160,6 +159,5 @@ class DiagnosticsPublisher:
 
     def _publish(self) -> None:
         name = self._node.get_fully_qualified_name().lstrip("/")
-        # A simulated time may be too late for a message.
-        stamp = stamp_from_nanoseconds(min(self._node.get_clock().now().nanoseconds, LAST_STAMP))
+        stamp = nearest_stamp(self._node.get_clock().now().nanoseconds)
         self._publisher.publish(diagnostic_array(self._report(), name, stamp))

@@ -1,6 +1,7 @@
 """A robot as a URDF to look at, and where its links are: for RViz and robot_state_publisher."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import atan2, hypot
 from xml.etree import ElementTree
 
@@ -38,9 +39,17 @@ def link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[floa
 
     ``robot`` has no corrections of a calibration, and is at joint positions ``(dof,)``.
     """
+    from scipy.spatial.transform import Rotation
+
     kinematics = robot.forward_kinematics
     if not isinstance(kinematics, GantryKinematics):
-        return _arm_link_poses(robot, joint_positions)
+        links, chain = _links(robot.definition["urdf"])
+        positions = np.zeros(len(links))
+        positions[chain.axes.any(axis=1)] = joint_positions
+        frames = chain.frames(positions)[:-1]
+        quaternions = Rotation.from_matrix(frames[:, :3, :3]).as_quat(canonical=True)
+        arm_poses = np.concatenate([frames[:, :3, 3], quaternions], axis=1).tolist()
+        return dict(zip(links, arm_poses, strict=True))
     poses = {
         f"{drive}_shaft": [0.0, 0.0, 0.0, *quaternion_from_roll_pitch_yaw(0.0, 0.0, angle)]
         for drive, angle in zip(robot.joint_names, joint_positions.tolist(), strict=True)
@@ -53,18 +62,13 @@ def link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[floa
     return poses
 
 
-def _arm_link_poses(robot: Robot, joint_positions: FloatArray) -> dict[str, list[float]]:
-    from scipy.spatial.transform import Rotation
-
-    joints = list(parsed(robot.definition["urdf"], robot.name).iter("joint"))
-    origins, axes = map(joint_origin, joints), np.array([joint_axis(joint) for joint in joints])
-    positions = np.zeros(len(joints))
-    positions[axes.any(axis=1)] = joint_positions
-    frames = ScrewChain(np.array([*origins, np.eye(4)]), axes).frames(positions)[:-1]
-    quaternions = Rotation.from_matrix(frames[:, :3, :3]).as_quat(canonical=True)
-    poses = np.concatenate([frames[:, :3, 3], quaternions], axis=1).tolist()
+@lru_cache(maxsize=4)
+def _links(urdf: str) -> tuple[list[str], ScrewChain]:
+    """The links of an arm but the base, and the chain of all joints above them, fixed ones too."""
+    joints = list(ElementTree.fromstring(urdf).iter("joint"))
+    placements = np.array([*map(joint_origin, joints), np.eye(4)])
     links = [child.attrib["link"] for joint in joints for child in joint.iter("child")]
-    return dict(zip(links, poses, strict=True))
+    return links, ScrewChain(placements, np.array([joint_axis(joint) for joint in joints]))
 
 
 def _slides(robot: Robot) -> list[str]:

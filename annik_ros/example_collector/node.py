@@ -23,7 +23,6 @@ from annik_core.errors import AnnikError, NonFiniteValue, NotUnitQuaternion
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.robot import Robot
 from annik_core.serving.measured_joints import MeasuredPositions
-from annik_core.serving.stamps import LAST_STAMP
 from annik_core.serving.statistics import OutcomeCounts
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.diagnostics import (
@@ -39,7 +38,7 @@ from annik_ros.run_node import NotInTime, run_node
 from annik_ros.throttle import Throttle
 from msg_tools.conversions.joint_state import joint_state_from_array
 from msg_tools.conversions.pose import pose_to_array
-from msg_tools.conversions.stamp import stamp_from_nanoseconds, stamp_to_nanoseconds
+from msg_tools.conversions.stamp import nearest_stamp, stamp_to_nanoseconds
 from msg_tools.topics import JOINT_COMMAND, MEASURED_POSE
 
 NODE_NAME: Final = "example_collector"
@@ -194,8 +193,7 @@ class ExampleCollector(Node):
             self.finished.set_result(None)
 
     def _publish(self, command: FloatArray) -> None:
-        # A simulated time may be too late for a message.
-        stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))
+        stamp = nearest_stamp(self.get_clock().now().nanoseconds)
         self._publisher.publish(joint_state_from_array(command, self._robot.joint_names, stamp))
 
     def _on_pose(self, message: PoseStamped) -> None:

@@ -18,7 +18,7 @@ from annik_core.pose import FloatArray, checked_pose, tracking_error
 from annik_core.robots.description import link_poses, robot_urdf
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_core.serving.stamps import LAST_STAMP, StampPairing
+from annik_core.serving.stamps import StampPairing
 from annik_core.serving.statistics import OutcomeCounts
 from annik_core.simulation.fake_robot import FakeRobot, refusal_reason
 from annik_core.simulation.imperfections import Imperfections
@@ -35,7 +35,7 @@ from msg_tools.conversions.pose import (
     transform_stamped_from_array,
     vector3_stamped_from_array,
 )
-from msg_tools.conversions.stamp import InvalidStamp, stamp_from_nanoseconds, stamp_to_nanoseconds
+from msg_tools.conversions.stamp import InvalidStamp, nearest_stamp, stamp_to_nanoseconds
 from msg_tools.topics import (
     ACCEPTED_TARGET,
     ACHIEVED_POSE,
@@ -134,8 +134,7 @@ class FakeRobotNode(Node):
     def _publish_joint_states(self) -> Time:
         """Publish joint positions, and the poses of the links, at this time; returns its stamp."""
         robot, joint_positions = self._fake_robot.robot, self._fake_robot.joint_positions
-        # A simulated time may be too late for a message.
-        stamp = stamp_from_nanoseconds(min(self.get_clock().now().nanoseconds, LAST_STAMP))
+        stamp = nearest_stamp(self.get_clock().now().nanoseconds)
         # The encoders do not see the imperfections.
         self._state_publisher.publish(
             joint_state_from_array(joint_positions, robot.joint_names, stamp)
@@ -172,7 +171,7 @@ class FakeRobotNode(Node):
         if pair is None:
             return
         error = tracking_error(*pair)
-        stamp = stamp_from_nanoseconds(nanoseconds)
+        stamp = nearest_stamp(nanoseconds)
         frame = self._fake_robot.robot.base_frame
         parts = error.position, error.orientation
         for publisher, part in zip(self._error_publishers, parts, strict=True):

@@ -207,8 +207,7 @@ class IkNode(ManagedNode):
         self._active = True
         model = self._serving.server.solver.artifact
         self._announce(
-            f"serving {model.path} for robot {model.robot.name}: {self._serving.topics}",
-            self._serving.server,
+            f"serving {model.path} for robot {model.robot.name}: {self._serving.topics}", model
         )
         return super().on_activate(state)
 
@@ -362,11 +361,10 @@ class IkNode(ManagedNode):
                 response.message = "the node was cleaned up during the reload: configure it"
         self._send_response(response, header)
         if response.success:
-            self._announce(response.message, serving.server)
+            self._announce(response.message, serving.server.solver.artifact)
 
-    def _announce(self, text: str, server: IkServer) -> None:
+    def _announce(self, text: str, model: "Model") -> None:
         self.get_logger().info(text)
-        model = server.solver.artifact
         if model.quality.concerns:
             self.get_logger().warning(f"model {model.path}: {model.quality}")
 

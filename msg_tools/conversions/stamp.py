@@ -3,6 +3,7 @@
 from builtin_interfaces.msg import Time
 
 from annik_core.errors import ConversionError, InvalidValue
+from annik_core.serving.stamps import LAST_STAMP
 
 _NANOSECONDS = 1_000_000_000
 _SECONDS_RANGE = (-(2**31), 2**31 - 1)
@@ -44,3 +45,8 @@ def stamp_from_nanoseconds(nanoseconds: int) -> Time:
     """The stamp of a time since the epoch [ns]."""
     sec, nanosec = split_stamp(nanoseconds)
     return Time(sec=sec, nanosec=nanosec)
+
+
+def nearest_stamp(nanoseconds: int) -> Time:
+    """The stamp of a time [ns], or the last that there is; a simulated time may be too late."""
+    return stamp_from_nanoseconds(min(nanoseconds, LAST_STAMP))

@@ -124,7 +124,8 @@ def test_a_write_ahead_log_is_read_and_left_as_it_is(
     assert content_of(bag) == before
 
 
-def test_a_hot_journal_is_rolled_back_in_a_copy(tmp_path: Path) -> None:
+def bag_with_hot_journal(tmp_path: Path) -> Path:
+    """A bag without metadata of 500 messages, amid a change of all of them."""
     bag = tmp_path / "bag"
     bag.mkdir()
     connection = sqlite3.connect(tmp_path / "growing.db3", isolation_level=None)
@@ -137,6 +138,11 @@ def test_a_hot_journal_is_rolled_back_in_a_copy(tmp_path: Path) -> None:
     for suffix in ("", "-journal"):
         shutil.copy(tmp_path / f"growing.db3{suffix}", bag / f"bag_0.db3{suffix}")
     connection.close()
+    return bag
+
+
+def test_a_hot_journal_is_rolled_back_in_a_copy(tmp_path: Path) -> None:
+    bag = bag_with_hot_journal(tmp_path)
     write_metadata(bag, ["bag_0.db3"], {"/point": 500})
     before = content_of(bag)
     read = read_bag(bag)
@@ -147,19 +153,8 @@ def test_a_hot_journal_is_rolled_back_in_a_copy(tmp_path: Path) -> None:
 
 def test_a_journal_that_names_another_file_is_refused(tmp_path: Path) -> None:
     """SQLite would delete that file when it has rolled back."""
-    bag, victim = tmp_path / "bag", tmp_path / "victim.txt"
-    bag.mkdir()
+    bag, victim = bag_with_hot_journal(tmp_path), tmp_path / "victim.txt"
     victim.write_text("precious", encoding="utf-8")
-    connection = sqlite3.connect(tmp_path / "growing.db3", isolation_level=None)
-    add_tables(connection)
-    add_messages(connection, range(500))
-    connection.execute("PRAGMA cache_size = 1")
-    connection.execute("PRAGMA cache_spill = 1")
-    connection.execute("BEGIN")
-    connection.execute("UPDATE messages SET data = x'00'")
-    for suffix in ("", "-journal"):
-        shutil.copy(tmp_path / f"growing.db3{suffix}", bag / f"bag_0.db3{suffix}")
-    connection.close()
     name = str(victim).encode()
     page = 0x40000000 // 4096 + 1
     with (bag / "bag_0.db3-journal").open("ab") as journal:

@@ -273,18 +273,14 @@ class Client:
             self._services[service] = self.node.create_client(service_type, service)
         client = self._services[service]
         self.wait_until(client.service_is_ready, f"service {service}")
-        futures = [client.call_async(request)]
-        if service_type is GetState:
-            # Of a service that has not discovered this client yet, a response is lost. To ask for
-            # the state again does no harm.
-            self.repeat_until(
-                lambda: futures.append(client.call_async(request)),
-                lambda: any(future.done() for future in futures),
-                f"the response of {service}",
-                pause=10.0,
-            )
-        self.wait_until(
-            lambda: any(future.done() for future in futures), f"the response of {service}"
+        futures: list[Any] = []
+        # Of a service that has not discovered this client yet, a response is lost. To ask for the
+        # state again does no harm.
+        self.repeat_until(
+            lambda: futures.append(client.call_async(request)),
+            lambda: any(future.done() for future in futures),
+            f"the response of {service}",
+            pause=10.0 if service_type is GetState else PATIENCE,
         )
         return next(future for future in futures if future.done()).result()
 
