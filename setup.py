@@ -1,9 +1,12 @@
 """Installs annik, by pip or by colcon."""
 
+import os
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 
 PACKAGE = "annik_ros"
 URL = "https://github.com/annik/annik"
@@ -57,11 +60,28 @@ def kernel() -> Extension:
         [str(folder / "module.cpp")],
         depends=[str(path.relative_to(ROOT)) for path in sorted((ROOT / folder).glob("*.hpp"))],
         include_dirs=include,
-        # Without contraction every processor rounds alike.
-        extra_compile_args=["-std=c++17", "-O3", "-fvisibility=hidden", "-ffp-contract=off"],
+        # Without contraction every processor rounds alike. CXXFLAGS come last, to have their way.
+        extra_compile_args=[
+            *("-std=c++17", "-O3", "-fvisibility=hidden", "-ffp-contract=off"),
+            *os.environ.get("CXXFLAGS", "").split(),
+        ],
         language="c++",
         optional=True,
     )
+
+
+class BuildKernel(build_ext):
+    """Builds the kernel, and says so where that is not possible."""
+
+    def run(self) -> None:
+        """See the class that it derives from, which goes on after an error of the compiler."""
+        super().run()
+        if not all(Path(self.get_ext_fullpath(part.name)).is_file() for part in self.extensions):
+            print(
+                "annik: the kernel could not be compiled, for the reason above. Arms are solved "
+                "without it, slowly; `annik doctor` says what to install",
+                file=sys.stderr,
+            )
 
 
 setup(
@@ -84,6 +104,7 @@ setup(
         "msg_tools.report": ["*.jinja"],
     },
     ext_modules=[kernel()],
+    cmdclass={"build_ext": BuildKernel},
     data_files=data_files(),
     # The libraries read stay with the lowest versions known to work: Ubuntu's ROS 2 Jazzy is built
     # for numpy 1.26. constraints.txt holds the versions that ./run installs and tests.
@@ -131,6 +152,8 @@ setup(
             "flake8",
             "hypothesis",
             "mypy",
+            # Where a build is not isolated, as colcon's, the kernel needs it.
+            "pybind11>=2.11",
             "pydocstyle",
             "pytest",
             "pytest-cov",

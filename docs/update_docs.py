@@ -154,6 +154,15 @@ def result(name: str) -> Callable[[], str]:
     return measured
 
 
+def kernel_size() -> str:
+    """The lines of C++ in the kernel, to fifty, so that not every change of it is one here."""
+    lines = sum(
+        len(path.read_text(encoding="utf-8").splitlines())
+        for path in (DOCS.parent / "annik_core" / "kernel").glob("*.?pp")
+    )
+    return f"about {50 * round(lines / 50):,} lines of C++17."
+
+
 def limits() -> str:
     """The default acceptance limits, in the units of a reader."""
     defaults = AcceptanceLimits()
@@ -270,6 +279,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
         "limits": limits,
         **{f"{node} parameters": parameters(node) for node in PARAMETER_TABLES},
     },
+    DOCS / "architecture.md": {"kernel size": kernel_size},
     DOCS / "training.md": {"designs": designs, "phases": phases},
     DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
     LEARN: {"learn_robot": result("learn_robot")},

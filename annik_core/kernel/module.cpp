@@ -5,8 +5,11 @@
 #include <pybind11/stl.h>
 
 #include <atomic>
+#include <cstdlib>
+#include <new>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 #include <thread>
 
 #include "refinement.hpp"
@@ -76,15 +79,33 @@ void for_rows(std::size_t rows, int threads, const Work& work) {
   };
   const std::size_t most = std::min<std::size_t>(threads, (rows + BLOCK - 1) / BLOCK);
   std::vector<std::thread> others;
-  for (std::size_t thread = 1; thread < most; ++thread) others.emplace_back(run);
+  try {
+    for (std::size_t thread = 1; thread < most; ++thread) others.emplace_back(run);
+  } catch (const std::system_error&) {  // no more threads are to be had: these do it too
+  }
   run();
   for (std::thread& thread : others) thread.join();
 }
 
+// Of an object of Python. ``__new__`` alone gives one memory without calling its constructor: that
+// memory is zero, so that such an object has no joints.
+struct Object {
+  static void* operator new(std::size_t size) {
+    if (void* memory = std::calloc(1, size)) return memory;
+    throw std::bad_alloc();
+  }
+  static void operator delete(void* memory) { std::free(memory); }
+
+  static py::ssize_t constructed(py::ssize_t dof) {
+    if (dof == 0) throw py::type_error("it was made without its constructor");
+    return dof;
+  }
+};
+
 }  // namespace
 
 // A chain as Python sees it. It never changes, so threads may share it.
-class PyChain {
+class PyChain : public Object {
  public:
   // ``joint_networks`` and ``pose_network``: None, or of the classes in robots/corrections.py.
   PyChain(const Array& placements, const Array& axes, const py::object& joint_networks,
@@ -172,10 +193,13 @@ class PyChain {
     return py::make_tuple(linear.position_residual(), linear.orientation_residual());
   }
 
-  const Chain& chain() const { return chain_; }
+  const Chain& chain() const {
+    dof();
+    return chain_;
+  }
 
  private:
-  py::ssize_t dof() const { return static_cast<py::ssize_t>(chain_.size()); }
+  py::ssize_t dof() const { return constructed(static_cast<py::ssize_t>(chain_.size())); }
 
   void set_joint_networks(const py::object& part) {
     const Array input = array_of(part, "input_weights"), bias = array_of(part, "biases");
@@ -221,7 +245,7 @@ class PyChain {
   Chain chain_;
 };
 
-class PyRefinement {
+class PyRefinement : public Object {
  public:
   PyRefinement(const PyChain& chain, const Array& lower, const Array& upper, int max_newton_steps,
                double tolerance)
@@ -239,7 +263,7 @@ class PyRefinement {
   }
 
   py::tuple refine(const Array& start, const Array& target) const {
-    check_shape(start, {dof_}, "start");
+    check_shape(start, {dof()}, "start");
     check_shape(target, {7}, "target");
     const Refined found =
         refinement_.refine(joints_from(start.data(), dof_), placement_of(target.data()));
@@ -251,7 +275,7 @@ class PyRefinement {
 
   py::tuple refine_batch(const Array& starts, const Array& targets, int threads) const {
     const py::ssize_t rows = starts.ndim() ? starts.shape(0) : 0;
-    check_shape(starts, {rows, dof_}, "starts");
+    check_shape(starts, {rows, dof()}, "starts");
     check_shape(targets, {rows, 7}, "targets");
     if (threads < 1) throw std::invalid_argument("threads must be at least 1");
     Array positions({rows, dof_}), distances(rows), angles(rows);
@@ -278,6 +302,8 @@ class PyRefinement {
   }
 
  private:
+  py::ssize_t dof() const { return constructed(dof_); }
+
   py::ssize_t dof_;
   Refinement refinement_;
 };

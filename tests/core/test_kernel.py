@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.kernel_fuzz import CONSTRUCTORS, METHODS, fuzz
 
 from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray
@@ -266,6 +267,12 @@ class TestBadInput:
         single = self.at.astype(np.float32)[np.newaxis]
         assert self.kinematics.poses(single) == pytest.approx(expected, abs=1e-6)
 
+    def test_more_than_fits_into_memory(self) -> None:
+        assert isinstance(self.kinematics, CompiledKinematics)
+        huge = np.broadcast_to(1.0, (2**56, 6))
+        with pytest.raises((MemoryError, TypeError, ValueError)):
+            self.kinematics.compiled.poses(huge)
+
     def test_what_is_no_number(self) -> None:
         assert isinstance(self.kinematics, CompiledKinematics)
         for wrong in ("six", None, [object()] * 6):
@@ -295,6 +302,16 @@ class TestBadInput:
             with pytest.raises((AttributeError, TypeError, ValueError)):
                 kernel.Chain(*whole, joint_networks, None, wrapped, centre)
 
+    def test_objects_whose_constructor_was_not_called(self) -> None:
+        kernel = compiled_kernel()
+        chain = kernel.Chain.__new__(kernel.Chain)
+        with pytest.raises(TypeError):
+            chain.poses(np.zeros((1, 0)))
+        with pytest.raises(TypeError):
+            kernel.Refinement(chain, np.zeros(0), np.ones(0), 10, 1e-6)
+        with pytest.raises(TypeError):
+            kernel.Refinement.__new__(kernel.Refinement).refine(np.zeros(0), self.target)
+
     def test_threads_share_it(self) -> None:
         refinement, rng = self.refinement(), np.random.default_rng(6)
         starts = self.robot.joint_box.sample(200, rng)
@@ -303,3 +320,22 @@ class TestBadInput:
             found = list(pool.map(lambda start: refinement.refine(start, self.target), starts))
         for one, other in zip(found, expected, strict=True):
             assert np.array_equal(one.joint_positions, other.joint_positions)
+
+
+class TestFuzz:
+    """In short; ``./run sanitize`` makes a million calls of a kernel with sanitizers."""
+
+    def test_it_calls_every_method_of_every_class(self) -> None:
+        kernel = compiled_kernel()
+        classes = {name: value for name, value in vars(kernel).items() if isinstance(value, type)}
+        assert set(CONSTRUCTORS) == set(METHODS) == set(classes)
+        for name, value in classes.items():
+            methods = {method for method in vars(value) if not method.startswith("_")}
+            assert set(METHODS[name]) == methods
+
+    def test_every_call_returns_or_is_refused(self) -> None:
+        found = fuzz(compiled_kernel(), calls=4_000, seed=1, threads=2)
+        for name, methods in METHODS.items():
+            for method in methods:
+                assert found.returned[f"{name}.{method}"] > 50
+                assert found.refused[f"{name}.{method}"] > 10

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import pytest
 from support.nodes import READY_TEXTS
 from support.processes import LONG_PATIENCE, ROOT, Process, run_python
-from support.source_tree import SHARED_FOLDERS, copy_of_the_tree
+from support.source_tree import QUICK_BUILD, SHARED_FOLDERS, copy_of_the_tree
 
 from examples.demonstration import reserved_domain
 
@@ -69,7 +69,10 @@ def workspace(
         workspace = Workspace(path, {**environment(), "ROS_DOMAIN_ID": str(domain)})
         command = ("-m", "colcon", "build", "--event-handlers", "console_direct+", *options)
         result = run_python(
-            *command, cwd=path, environment=workspace.environment, patience=LONG_PATIENCE
+            *command,
+            cwd=path,
+            environment={**workspace.environment, **QUICK_BUILD},
+            patience=LONG_PATIENCE,
         )
         assert result.returncode == 0, result.stdout + result.stderr
         yield workspace
@@ -124,6 +127,25 @@ def test_installed_code_finds_its_own_shared_files(workspace: Workspace, tmp_pat
     else:
         expected = workspace.path / "src" / "annik_ros"
     assert Path(process.log.strip()) == expected
+
+
+def test_it_serves_ur5e_with_its_kernel(workspace: Workspace, tmp_path: Path) -> None:
+    """Solved in the kernel of the workspace, and by its ik_node."""
+    script = workspace.path / "src" / "annik_ros" / "tests" / "packaging" / "solve_ur5e.py"
+    serve = (
+        "from annik_core.installation import model_path as path; "
+        "from annik_ros.round_trip import round_trip; assert round_trip(path('ur5e'))"
+    )
+    command = f"python3 {shlex.quote(str(script))} && python3 -c {shlex.quote(serve)}"
+    log = tmp_path / "ur5e.log"
+    environment = workspace.environment
+    process = Process(*workspace.sourced(command), log=log, environment=environment, cwd=tmp_path)
+    try:
+        assert process.wait_for_exit(LONG_PATIENCE) == 0, process.log
+    finally:
+        process.kill()
+    kernel = Path(process.log.splitlines()[0])
+    assert kernel.resolve().is_relative_to(workspace.path.resolve())
 
 
 @pytest.mark.parametrize("executable", ["ik_node", "fake_robot"])

@@ -9,11 +9,14 @@ from support.processes import ROOT
 
 IMPORT_PACKAGES = ("annik_core", "annik_training", "annik_ros", "msg_tools")
 SHARED_FOLDERS = ("config", "launch", "models", "robots")
+#: Environment in which the kernel is compiled in a quarter of the time.
+QUICK_BUILD = {"CXXFLAGS": "-O0"}
 
 
 def copy_of_the_tree(destination: Path) -> Path:
-    """Copy the checkout without what git ignores; returns the destination."""
+    """Copy the checkout without what git ignores, over an older copy; returns the destination."""
     ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
     patterns = [line.rstrip("/") for line in ignored if line and not line.startswith("#")]
-    shutil.copytree(ROOT, destination, ignore=shutil.ignore_patterns(".git", *patterns))
+    ignore = shutil.ignore_patterns(".git", *patterns)
+    shutil.copytree(ROOT, destination, ignore=ignore, dirs_exist_ok=True)
     return destination
