@@ -333,6 +333,7 @@ class TestFuzz:
             methods = {method for method in vars(value) if not method.startswith("_")}
             assert set(METHODS[name]) == methods
 
+    @pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
     def test_every_call_returns_or_is_refused(self) -> None:
         found = fuzz(compiled_kernel(), calls=4_000, seed=1, threads=2)
         for name, methods in METHODS.items():
