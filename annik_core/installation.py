@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
-from importlib.metadata import PackageNotFoundError, version
+from functools import cache
 from pathlib import Path
 
 from annik_core.errors import AnnikError
@@ -58,8 +58,13 @@ def nearest_first(name: str, known: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(known, key=likeness, reverse=True))
 
 
-#: Version of annik, from package.xml.
-try:
-    VERSION = version("annik_ros")
-except PackageNotFoundError:  # a checkout that is not installed
-    VERSION = "0+not.installed"
+@cache
+def annik_version() -> str:
+    """Version of annik, from package.xml; ``0+not.installed`` for a checkout that is not."""
+    # Not above: it loads slowly, and a node starts without it.
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("annik_ros")
+    except PackageNotFoundError:
+        return "0+not.installed"

@@ -129,6 +129,10 @@ class OtherCommanders:
 
     def trouble(self) -> str:
         """Who they are, in words; empty if this node is the only one."""
+        # Counting takes a tenth of the time of asking who they are.
+        if self._node.count_publishers(self._topic) <= 1:
+            self._known = 0
+            return ""
         names = [
             f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
             for publisher in self._node.get_publishers_info_by_topic(self._topic)
@@ -147,17 +151,27 @@ class OtherCommanders:
 
 
 class DiagnosticsPublisher:
-    """Publishes a report once a second of real time."""
+    """Publishes a report once a second of real time, if anyone listens."""
 
-    def __init__(self, node: Node, report: Callable[[], DiagnosticReport]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        report: Callable[[], DiagnosticReport],
+        unheard: Callable[[], object] | None = None,
+    ) -> None:
+        """``unheard`` is called instead of ``report`` where nobody listens, being quicker."""
         self._node = node
         self._report = report
+        self._unheard = unheard or report
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.name, 10)
         # Simulated time may stand still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(DIAGNOSTICS_PERIOD, self._publish, clock=steady)
 
     def _publish(self) -> None:
+        if not self._publisher.get_subscription_count():
+            self._unheard()
+            return
         name = self._node.get_fully_qualified_name().lstrip("/")
         stamp = nearest_stamp(self._node.get_clock().now().nanoseconds)
         self._publisher.publish(diagnostic_array(self._report(), name, stamp))

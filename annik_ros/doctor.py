@@ -10,7 +10,7 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
 from annik_core.errors import AnnikError
-from annik_core.installation import VERSION, default_model_path, model_path, packaged_models
+from annik_core.installation import annik_version, default_model_path, model_path, packaged_models
 from annik_core.kernel import NO_KERNEL, compiled_kernel
 from annik_core.model.artifact import load_model
 
@@ -44,7 +44,7 @@ class Finding:
 def check_python() -> Iterator[Finding]:
     """The interpreter and annik itself."""
     low, high = _SUPPORTED_PYTHON
-    text = f"annik {VERSION} on Python {platform.python_version()} ({sys.executable})"
+    text = f"annik {annik_version()} on Python {platform.python_version()} ({sys.executable})"
     if low <= sys.version_info[:2] <= high:
         yield Finding(Verdict.GOOD, text)
     else:

@@ -1,11 +1,13 @@
 """A life-cycle node that survives impossible transitions and logs errors, unlike rclpy's."""
 
+import sys
 import traceback
 from collections.abc import Callable
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.logging import LoggingSeverity
 
 Transition = Callable[..., TransitionCallbackReturn]
 
@@ -27,6 +29,18 @@ class ManagedNode(LifecycleNode):
         """The present state, such as ``active``."""
         label: str = self._state_machine.current_state[1]
         return label
+
+    def announce(self, text: str) -> None:
+        """Log a line of the start.
+
+        For its first line, rclpy's logger looks for the caller among all loaded modules, which
+        takes as long as loading a model. Here the caller is given.
+        """
+        code, line = sys._getframe(1).f_code, sys._getframe(1).f_lineno
+        rclpy_implementation.rclpy_logging_rcutils_log(
+            LoggingSeverity.INFO,
+            *(self.get_logger().name, text, code.co_name, code.co_filename, line),
+        )
 
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response

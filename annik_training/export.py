@@ -6,7 +6,7 @@ import numpy as np
 import onnx
 
 from annik_core.files import write_file
-from annik_core.installation import VERSION
+from annik_core.installation import annik_version
 from annik_core.model.artifact import checked_model
 from annik_core.model.errors import ModelError
 from annik_core.model.graph import FEATURES_NAME, INPUT_NAME, OUTPUT_NAME
@@ -77,7 +77,7 @@ def write_model(
     """
     onnx.helper.set_model_props(graph, metadata.to_properties())
     graph.producer_name = "annik"
-    graph.producer_version = VERSION
+    graph.producer_version = annik_version()
     onnx.checker.check_model(graph, full_check=True)
     content = graph.SerializeToString(deterministic=True)
     prove_export(content, poses, expected, tolerance, path)
@@ -114,7 +114,7 @@ def _metadata(fitted: FittedNetwork, evaluation: Evaluation) -> ModelMetadata:
     ).poses
     return ModelMetadata(
         format_version=FORMAT_VERSION,
-        package_version=VERSION,
+        package_version=annik_version(),
         robot=dict(robot.definition),
         robot_hash=robot.definition_hash,
         joint_names=list(robot.joint_names),

@@ -6,10 +6,13 @@ import ast
 import os
 from collections.abc import Iterable, Mapping
 from graphlib import CycleError, TopologicalSorter
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from support.processes import LONG_PATIENCE, ROOT, run_python
+
+from annik_core.kernel import compiled_kernel
 
 PACKAGES = ("annik_core", "annik_training", "msg_tools", "annik_ros")
 NOT_INSTALLED = {"benchmarks", "examples", "tests", "docs"}
@@ -258,18 +261,22 @@ def test_a_climbing_import_and_a_circle_are_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_serving_the_gantry_loads_no_library_that_it_can_do_without() -> None:
+@pytest.mark.parametrize("model", ["gantry", "ur5e"])
+def test_serving_loads_no_library_that_it_can_do_without(model: str) -> None:
     """A node is ready the sooner; and nothing is loaded late, while a target waits."""
+    if model == "ur5e" and compiled_kernel() is None:
+        pytest.skip("without the compiled kernel SciPy solves for arms")
+    module = "annik_ros.ik_node." + ("node" if find_spec("rclpy") else "parameters")
     script = (
-        "import sys, annik_ros.ik_node.parameters\n"
+        f"import sys, {module}\n"
         "from annik_core.serving.ik_server import IkServer\n"
         "from annik_core.solver.ik_solver import IkSolver\n"
-        "server = IkServer(IkSolver.from_file('gantry'))\n"
+        "server = IkServer(IkSolver.from_file(sys.argv[1]))\n"
         "pose = server.solver.robot.forward_kinematics.poses("
         "server.solver.robot.joint_box.centre[None])[0]\n"
         "before = set(sys.modules)\n"
         "assert server.solve(pose).accepted\n"
         "print(sorted(set(sys.modules) - before), {'scipy', 'pinocchio'} & set(sys.modules))\n"
     )
-    result = run_python("-c", script)
+    result = run_python("-c", script, model)
     assert result.stdout == "[] set()\n", result.stdout + result.stderr

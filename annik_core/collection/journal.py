@@ -17,7 +17,7 @@ from annik_core.collection.measurement import noise_of_averages
 from annik_core.collection.settings import CollectionSettings
 from annik_core.dataset import MEASURED, Dataset
 from annik_core.errors import AnnikError, NotWritable
-from annik_core.installation import VERSION
+from annik_core.installation import annik_version
 from annik_core.pose import FloatArray, checked_pose
 from annik_core.robots.definition import is_numeric
 
@@ -131,7 +131,7 @@ class CollectionJournal:
                 "order": list(order),
                 # For readers only: settings may change when a collection is continued.
                 "settings": _plain_settings(settings),
-                "annik_version": VERSION,
+                "annik_version": annik_version(),
             }
         )
         self.order = tuple(order)

@@ -72,7 +72,9 @@ class IkServer:
                 stamp.
         """
         now = self._clock()
-        refusal = self._check_header(frame_id, age)
+        refusal = None
+        if frame_id or age is not None:
+            refusal = self._check_header(frame_id, age)
         if refusal is None:
             result = self._solve(pose, self._previous, now - self._previous_time)
         else:
@@ -130,6 +132,10 @@ class IkServer:
     def record_latency(self, latency: float) -> None:
         """Note the time from the arrival of an accepted target to its command [s]."""
         self._statistics.record_latency(latency)
+
+    def begin_period(self) -> None:
+        """Begin a new period, when nobody wants to know of the last."""
+        self._statistics.begin_period(self._clock())
 
     def end_period(self) -> SolveSummary:
         """Sum up the outcomes so far, and begin a new period."""

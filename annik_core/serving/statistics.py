@@ -131,10 +131,14 @@ class SolveStatistics:
         """Note the time from the arrival of an accepted target to its command [s]."""
         self._latencies.append(latency)
 
+    def begin_period(self, now: float) -> OutcomeSummary:
+        """Begin a new period at ``now`` [s]; the counts alone, which takes next to no time."""
+        return self._outcomes.end_period(now)
+
     def end_period(self, now: float) -> SolveSummary:
         """Sum up, and begin a new period at ``now`` [s]."""
         return SolveSummary(
-            self._outcomes.end_period(now),
+            self.begin_period(now),
             _percentiles(self._solve_times),
             _percentiles(self._latencies),
             _percentiles(self._expected_errors),

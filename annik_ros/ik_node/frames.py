@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import Any
 
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.time import Time
 
@@ -35,6 +37,11 @@ class TargetFrames:
             return
         self._buffer = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._buffer, node)
+        # After a simulation has begun anew, the newest transforms would be those before it.
+        back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
+        self._jumps = node.get_clock().create_jump_callback(
+            back, post_callback=lambda _: self._buffer.clear()
+        )
 
     def in_base_frame(self, target: StampedPoses, base_frame: str) -> StampedPoses:
         """A target by the newest transform to the base frame; without tf2, as it is.

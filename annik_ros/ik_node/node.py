@@ -1,11 +1,11 @@
 """The node that turns target poses into joint commands."""
 
 import sys
+import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from traceback import format_exception
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -15,12 +15,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from annik_core.errors import AnnikError, ConversionError
 from annik_core.installation import default_model_path, model_path
+from annik_core.kernel import NO_KERNEL, compiled_kernel
 from annik_core.robots.robot import Robot
 from annik_core.safety import IkStatus
 from annik_core.serving.ik_server import IkServer
@@ -61,22 +62,17 @@ _Read = Callable[[bytes], StampedPoses]
 
 #: Time from one look whether a model is loaded to the next [s].
 RELOAD_POLL = 0.02
+#: Longest wait at the end for a model that is being loaded [s]; the disk may hang.
+RELOAD_AT_END = 1.0
 
 
 class Serving:
     """The model, the subscriptions and the publishers of a configured node."""
 
     def __init__(self, node: "IkNode", options: IkNodeParameters) -> None:
-        from annik_core.model.artifact import load_model
-
         self._node = node
-        solver = options.solver(load_model(_model_path(options)))
-        robot = solver.robot
-        self.measured = MeasuredJointPositions(
-            node, robot.joint_names, options.measurement_timeout
-        )
-        self.server = IkServer(solver, options.command_safety, self.measured)
-        self.publishers = CommandPublishers(node, robot, options)
+        # First, so that other nodes discover them while the model is loaded.
+        self.publishers = CommandPublishers(node, options)
         self.others = OtherCommanders(node, self.publishers.topic_name)
         self._depth = options.queue_depth
         self._targets: dict[Topic, tuple[type, Callable[[bytes], None]]] = {
@@ -84,34 +80,64 @@ class Serving:
             TARGET_POSE_STAMPED: (PoseStamped, node.on_stamped_target),
             TARGET_POSES: (PoseArray, node.on_path),
         }
-        #: Topics with a publisher that does not repeat what was lost.
+        #: Topics with a publisher that does not repeat what was lost: newly met, and received so.
         self._unreliable: set[Topic] = set()
+        self._best_effort: set[Topic] = set()
         self._subscriptions: dict[Topic, Subscription] = {}
         for topic in self._targets:
-            events = SubscriptionEventCallbacks(
-                incompatible_qos=lambda _, topic=topic: self._unreliable.add(topic)
-            )
-            self._subscribe(topic, reliable(self._depth), events)
+            self._subscribe(topic)
+        try:
+            # Not above: it loads slowly.
+            from annik_core.model.artifact import load_model
 
-    def _subscribe(
-        self, topic: Topic, qos: QoSProfile, events: SubscriptionEventCallbacks | None = None
-    ) -> None:
+            solver = options.solver(load_model(_model_path(options)))
+        except Exception:
+            self._destroy_endpoints()
+            raise
+        robot = solver.robot
+        self.publishers.set_robot(robot)
+        self.measured = MeasuredJointPositions(
+            node, robot.joint_names, options.measurement_timeout
+        )
+        self.server = IkServer(solver, options.command_safety, self.measured)
+
+    def _subscribe(self, topic: Topic, make_qos: Callable[[int], QoSProfile] = reliable) -> None:
+        qos, events = make_qos(self._depth), None
+        if make_qos is reliable:
+            events = SubscriptionEventCallbacks(
+                incompatible_qos=lambda _: self._unreliable.add(topic)
+            )
         message_type, callback = self._targets[topic]
         self._subscriptions[topic] = self._node.create_subscription(
             message_type, topic.name, callback, qos, raw=True, event_callbacks=events
         )
 
     def meet_publishers(self) -> None:
-        """Receive without repetition too where a publisher offers nothing else."""
+        """Receive without repetition while there is a publisher that offers nothing else."""
+        for topic in [topic for topic in self._best_effort if not self._has_unreliable(topic)]:
+            self._best_effort.remove(topic)
+            name = self._subscriptions[topic].topic_name
+            self._node.get_logger().info(f"{name} is received reliably again")
+            self._node.destroy_subscription(self._subscriptions[topic])
+            self._subscribe(topic)
         while self._unreliable:
             topic = self._unreliable.pop()
+            self._best_effort.add(topic)
             earlier = self._subscriptions[topic]
             self._node.get_logger().warning(
-                f"{earlier.topic_name} has a publisher with best-effort delivery: from now on, "
-                "lost targets are not repeated; publish them reliably if each one counts"
+                f"{earlier.topic_name} has a publisher with best-effort delivery: while it is "
+                "there, lost targets are not repeated; publish them reliably if each one counts"
             )
             self._node.destroy_subscription(earlier)
-            self._subscribe(topic, best_effort(self._depth))
+            self._subscribe(topic, best_effort)
+
+    def _has_unreliable(self, topic: Topic) -> bool:
+        """Whether a publisher of a topic does not repeat what was lost."""
+        name = self._subscriptions[topic].topic_name
+        return any(
+            publisher.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+            for publisher in self._node.get_publishers_info_by_topic(name)
+        )
 
     @property
     def topics(self) -> str:
@@ -127,9 +153,12 @@ class Serving:
 
     def destroy(self) -> None:
         """Destroy subscriptions and publishers."""
+        self.measured.destroy()
+        self._destroy_endpoints()
+
+    def _destroy_endpoints(self) -> None:
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
-        self.measured.destroy()
         self.publishers.destroy()
 
 
@@ -147,8 +176,6 @@ class IkNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__(NODE_NAME)
-        # Loading this module takes a while, in which the middleware discovers other nodes.
-        import_module("annik_core.model.artifact")
         self.options = declare_parameters(self, IkNodeParameters)
         self._frames = TargetFrames(self, self.options.transform_timeout)
         self._serving: Serving | None = None
@@ -157,7 +184,6 @@ class IkNode(ManagedNode):
         self._callback_errors = 0
         self._warning, self._error = Throttle(), Throttle()
         self._reload: Reload | None = None
-        self._loader = ThreadPoolExecutor(1)
         self._reload_timer = self.create_timer(
             RELOAD_POLL,
             self._finish_reload,
@@ -171,7 +197,7 @@ class IkNode(ManagedNode):
         # Executors send the response when the callback returns; those of Jazzy know no other way.
         self._send_response, service.send_response = service.send_response, self._respond
         self.add_post_set_parameters_callback(self._on_parameters)
-        self._diagnostics = DiagnosticsPublisher(self, self._report)
+        self._diagnostics = DiagnosticsPublisher(self, self._report, self._unheard)
         self._starts_itself = self.options.autostart
         if self._starts_itself:
             self.trigger_configure()
@@ -228,6 +254,12 @@ class IkNode(ManagedNode):
         return super().on_cleanup(state)
 
     on_shutdown = on_error = on_cleanup
+
+    def destroy_node(self) -> None:
+        """Destroy the node, after a reload that is about to be done."""
+        if self._reload is not None:
+            wait([self._reload.job], RELOAD_AT_END)
+        super().destroy_node()
 
     def on_target(self, data: bytes) -> None:
         """Solve a target without a header."""
@@ -329,7 +361,7 @@ class IkNode(ManagedNode):
             # Meanwhile targets are solved with the present model.
             options, robot = self.options, self._serving.server.solver.robot
             # All of it there: what is raised here would end the node.
-            job = self._loader.submit(lambda: load_model(_model_path(options), robot))
+            job = _in_background(lambda: load_model(_model_path(options), robot))
             self._reload = Reload(job, self._serving, response)
             self._reload_timer.reset()
         return response
@@ -364,14 +396,23 @@ class IkNode(ManagedNode):
             self._announce(response.message, serving.server.solver.artifact)
 
     def _announce(self, text: str, model: "Model") -> None:
-        self.get_logger().info(text)
+        if model.robot.kind == "arm" and compiled_kernel() is None:
+            self.get_logger().warning(": ".join(NO_KERNEL))
         if model.quality.concerns:
             self.get_logger().warning(f"model {model.path}: {model.quality}")
+        self.announce(text)
 
     def _on_parameters(self, _: list[Parameter]) -> None:
         self.options = current_parameters(self, IkNodeParameters)
         if self._serving is not None:
             self._serving.apply(self.options)
+
+    def _unheard(self) -> None:
+        """What is due once a second although nobody listens to a report."""
+        if self._serving is not None:
+            self._serving.meet_publishers()
+            self._serving.others.trouble()
+            self._serving.server.begin_period()
 
     def _report(self) -> DiagnosticReport:
         state = {"state": self.state_label, "callback errors": str(self._callback_errors)}
@@ -403,6 +444,20 @@ class IkNode(ManagedNode):
             self.options.command_safety.expected_rate if self._active else 0.0,
             self._serving.others.trouble(),
         )
+
+
+def _in_background(work: Callable[[], Content]) -> "Future[Content]":
+    """The future of work on a thread that never keeps the process from ending."""
+    job: Future[Content] = Future()
+
+    def run() -> None:
+        try:
+            job.set_result(work())
+        except BaseException as error:
+            job.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return job
 
 
 def _kinematics(robot: Robot) -> str:

@@ -75,14 +75,16 @@ def _reads_as(data: bytes, message: Any) -> bool:
 
 
 class CommandPublishers:
-    """The publishers of commands for one robot; they publish only while the node is active."""
+    """The publishers of commands, of one robot once :meth:`set_robot` has been called.
 
-    def __init__(self, node: LifecycleNode, robot: Robot, options: IkNodeParameters) -> None:
+    They publish only while the node is active.
+    """
+
+    def __init__(self, node: LifecycleNode, options: IkNodeParameters) -> None:
         self.options = options
         self._node = node
         # The handle gives nanoseconds; making a Time takes longer than reading the clock.
         self._clock = node.get_clock().handle
-        self._robot = robot
         self._stamps = UniqueStamps()
         results = reliable(RESULT_DEPTH)
         self._publishers = [
@@ -100,6 +102,12 @@ class CommandPublishers:
             self._trajectory_publisher,
             self._positions_publisher,
         ) = self._publishers
+        self._last: FloatArray | None = None
+        self.topic_name: str = self._command_publisher.topic_name
+
+    def set_robot(self, robot: Robot) -> None:
+        """Prepare the messages of a robot."""
+        self._joint_names = robot.joint_names
         self._command = MessageTemplate(
             lambda stamp, numbers: joint_state_from_array(numbers, robot.joint_names, stamp),
             robot.dof,
@@ -107,8 +115,6 @@ class CommandPublishers:
         self._target = MessageTemplate(
             lambda stamp, numbers: pose_stamped_from_array(numbers, stamp, robot.base_frame), 7
         )
-        self._last: FloatArray | None = None
-        self.topic_name: str = self._command_publisher.topic_name
 
     def publish(self, result: IkResult) -> None:
         """Publish an accepted solution and its target, with one new stamp."""
@@ -154,5 +160,5 @@ class CommandPublishers:
 
     def _trajectory(self, joint_positions: FloatArray) -> JointTrajectory:
         return joint_trajectory_from_array(
-            joint_positions, self._robot.joint_names, self.options.trajectory_interval
+            joint_positions, self._joint_names, self.options.trajectory_interval
         )

@@ -9,7 +9,7 @@ from annik_core.errors import AnnikError, missing_dependency, one_line
 try:
     import click
 
-    from annik_core.installation import VERSION
+    from annik_core.installation import annik_version
 except ImportError as error:
     sys.exit(f"annik: {missing_dependency(error, 'annik')}")
 
@@ -56,7 +56,7 @@ class _LazyGroup(click.Group):
 
 
 @click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(VERSION, prog_name="annik")
+@click.version_option(annik_version(), prog_name="annik")
 def cli() -> None:
     """Learned inverse kinematics for ROS 2, from few examples."""
 

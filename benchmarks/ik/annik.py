@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Protocol, runtime_checkable
 
-from annik_core.installation import VERSION
+from annik_core.installation import annik_version
 from annik_core.model.artifact import Model
 from annik_core.pose import FloatArray
 from annik_core.safety import AcceptanceLimits
@@ -36,7 +36,7 @@ class _Annik(Peer):
 
     def __init__(self, name: str, solver: IkSolver, settings: str) -> None:
         self.name = name
-        self.version = VERSION
+        self.version = annik_version()
         self.settings = settings
         self._solver = solver
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from annik_core.installation import VERSION
+from annik_core.installation import annik_version
 from annik_training.evaluation import ErrorSummary
 from benchmarks.paper import paper_values as printed
 from benchmarks.paper.efficiency_experiment import ACCURACIES, fewest_examples, least
@@ -43,7 +43,7 @@ def results(measured: Measurements) -> dict[str, Any]:
 
 def _settings(settings: PaperSettings) -> dict[str, Any]:
     return {
-        "package_version": VERSION,
+        "package_version": annik_version(),
         "seed": settings.seed,
         "seeds": settings.seeds,
         "max_evaluations": settings.max_evaluations,

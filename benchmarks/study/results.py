@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from annik_core.append_log import AppendLog, digest
-from annik_core.installation import VERSION
+from annik_core.installation import annik_version
 from annik_training.evaluation import ErrorSummary
 from annik_training.fitting.problem import InverseKinematicsSystem
 from benchmarks.jobs.fit_job import FitJob, FitOutcome
@@ -113,7 +113,7 @@ def _content(job: FitJob) -> dict[str, Any]:
     robot = system.robot if isinstance(system, InverseKinematicsSystem) else None
     return {
         **job.to_dict(),
-        "annik_version": VERSION,
+        "annik_version": annik_version(),
         "robot_sha256": robot.definition_hash if robot else None,
     }
 

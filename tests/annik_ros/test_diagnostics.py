@@ -99,6 +99,9 @@ class FakeNode:
     def get_fully_qualified_name(self) -> str:
         return "/left/ik_node"
 
+    def count_publishers(self, _: str) -> int:
+        return len(self.publishers)
+
     def get_publishers_info_by_topic(self, _: str) -> list[SimpleNamespace]:
         return [
             SimpleNamespace(node_namespace=namespace or "/", node_name=node)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from geometry_msgs.msg import Vector3Stamped
 from sensor_msgs.msg import JointState
 from support.six_joint_arm import BASE, FLANGE, URDF
 
+from annik_core.kernel import NO_KERNEL
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
@@ -217,3 +219,13 @@ def test_both_nodes_know_packaged_models_by_their_names(launch: Callable[..., An
     ]
     nodes[0].wait_for_text("models/gantry.onnx for robot gantry")
     nodes[1].wait_for_text("fake robot gantry")
+
+
+@pytest.mark.parametrize(("model", "said"), [("ur5e", True), ("gantry", False)])
+def test_an_arm_that_is_served_without_the_compiled_kernel_is_said(
+    launch: Callable[..., Any], model: str, said: bool
+) -> None:
+    node = launch("ik_node", "-p", f"model:={model}", environment={"ANNIK_KERNEL": "off"})
+    node.signal(signal.SIGINT)
+    assert node.wait_for_exit() == 0
+    assert node.log.count(": ".join(NO_KERNEL)) == said

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from std_srvs.srv import Trigger
 from support.processes import ROOT, Process, wait_until
 
 from annik_ros.declare_parameters import OF_OTHER_NODES, meant_parameter
@@ -250,3 +251,32 @@ def test_a_signal_that_was_ignored_at_the_start_stays_so(start: Callable[..., Pr
     process.signal(signal.SIGTERM)
     _check_end(process, signal.SIGTERM)
     assert "ended by SIGTERM" in process.log
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_reload_from_a_disk_that_hangs_does_not_hold_the_end_up(
+    start: Callable[..., Process], client: Any, number: signal.Signals
+) -> None:
+    code = (
+        "import sys, threading\n"
+        "from annik_core.model import artifact\n"
+        "from annik_ros.main import run\n"
+        "read, calls = artifact.read_model_file, []\n"
+        "def hang(path):\n"
+        "    calls.append(path)\n"
+        "    if len(calls) > 1:\n"
+        "        print('hangs', flush=True)\n"
+        "        threading.Event().wait()\n"
+        "    return read(path)\n"
+        "artifact.read_model_file = hang\n"
+        "sys.exit(run('ik_node'))"
+    )
+    process = start("ik_node", code=code)
+    process.wait_for_text("serving ")
+    reload = client.node.create_client(Trigger, "ik_node/reload_model")
+    client.wait_until(reload.service_is_ready, "the service")
+    reload.call_async(Trigger.Request())
+    client.wait_until(lambda: "hangs" in process.log, "the reload")
+    process.signal(number)
+    assert process.wait_for_exit() == 0
+    assert f"ended by {number.name}" in process.log

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,13 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseArray
+from rclpy.clock import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.time import Time
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from support.processes import ROOT
 from trajectory_msgs.msg import JointTrajectory
 
 from annik_core.pose import FloatArray, pose_distance, pose_from_roll_pitch_yaw
+from annik_ros.ik_node.frames import TargetFrames
 from msg_tools.conversions.pose import pose_from_array, pose_to_array
 
 TARGET = pose_from_roll_pitch_yaw([0.3001, 0.4, 0.6], [0.5, 0.4, 0.3])
@@ -40,6 +46,10 @@ class TransformException(Exception):
 
 class Buffer:
     listened = False
+    cleared = 0
+
+    def clear(self):
+        self.cleared += 1
 
     def lookup_transform(self, target_frame, source_frame, time, timeout=Duration()):
         assert self.listened and target_frame == "base_link"
@@ -67,6 +77,28 @@ class TransformListener:
 def with_tf2(tmp_path: Path) -> dict[str, str]:
     (tmp_path / "tf2_ros.py").write_text(TF2_ROS.format(pose=CAMERA.tolist()), encoding="utf-8")
     return {"PYTHONPATH": f"{tmp_path}:{ROOT}:{os.environ.get('PYTHONPATH', '')}"}
+
+
+def test_transforms_from_before_a_simulation_began_anew_are_forgotten(
+    domain: int, with_tf2: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They would be the newest ones for as long as it takes to get there again."""
+    monkeypatch.syspath_prepend(with_tf2["PYTHONPATH"].split(":")[0])
+    monkeypatch.delitem(sys.modules, "tf2_ros", raising=False)
+    context = Context()
+    context.init(domain_id=domain)
+    node = Node("simulated", context=context)
+    try:
+        clock = node.get_clock()
+        clock._set_ros_time_is_active(True)
+        frames = TargetFrames(node, 0.5)
+        for seconds, cleared in ((100, 0), (101, 0), (101, 0), (5, 1), (6, 1)):
+            clock.set_ros_time_override(Time(seconds=seconds, clock_type=ClockType.ROS_TIME))
+            assert frames._buffer.cleared == cleared
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+        monkeypatch.delitem(sys.modules, "tf2_ros", raising=False)
 
 
 def in_camera_frame(pose: FloatArray) -> FloatArray:

@@ -70,4 +70,15 @@ def test_publishers_of_any_quality_of_service_are_served_and_other_commanders_na
     # Two clients, which the node may have found one after the other.
     assert 1 <= node.log.count("others publish") <= 2
     assert node.log.count("best-effort") == 1
+    # Once it is gone, nothing is lost any more: the others are received reliably.
+    client.node.destroy_publisher(best_effort)
+    node.wait_for_text("/target_pose is received reliably again")
+    contacts = settled(client)
+    client.repeat_until(
+        lambda: kept.publish(pose_from_array(good_target(300))),
+        lambda: client.stamps_of(good_target(300)),
+        "an answer",
+    )
+    assert wait_for_counts(client, contacts + 1).accepted > contacts
+    assert node.log.count("best-effort") == 1
     assert node.is_running
