@@ -137,7 +137,7 @@ inline LeastSingularValue least_singular_value(const Jacobian& a, std::size_t n)
     for (std::size_t i = 0; i < count; ++i) {
       double square = 0.0;
       for (double part : vectors[i]) square += part * part;
-      squares[i] = {-square, i};
+      squares[i] = {std::isnan(square) ? 0.0 : -square, i};  // NaN has no place in an order
     }
     std::sort(squares.begin(), squares.begin() + count);
     return squares[rank].second;

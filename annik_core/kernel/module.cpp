@@ -19,8 +19,9 @@ namespace py = pybind11;
 namespace annik {
 namespace {
 
-// Converted where it must be: another type, order of bytes or layout.
-using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+// Converted where it must be: another type, order of bytes, layout or alignment.
+using Array = py::array_t<double, py::array::c_style | py::array::forcecast |
+                                      py::detail::npy_api::NPY_ARRAY_ALIGNED_>;
 
 void check_shape(const Array& array, std::initializer_list<py::ssize_t> shape, const char* name) {
   bool fits = array.ndim() == static_cast<py::ssize_t>(shape.size());

@@ -49,6 +49,21 @@ def test_a_missing_library_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (finding.verdict, finding.remedy) == (Verdict.BAD, "pip install no-such-library")
 
 
+@pytest.mark.parametrize(
+    ("kernel", "verdict"),
+    [(object(), Verdict.GOOD), (None, Verdict.NOTE)],
+    ids=["built", "missing"],
+)
+def test_a_missing_kernel_is_noted(
+    monkeypatch: pytest.MonkeyPatch, kernel: object, verdict: Verdict
+) -> None:
+    """Annik works without it; the remedy is a compiler."""
+    monkeypatch.setattr(doctor, "compiled_kernel", lambda: kernel)
+    (finding,) = doctor.check_kernel()
+    assert finding.verdict is verdict
+    assert ("g++" in finding.remedy) == (kernel is None)
+
+
 def test_a_spoiled_model_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """By name, with what is wrong with the file."""
     path = tmp_path / "gantry.onnx"

@@ -261,7 +261,8 @@ class TestBadInput:
         strided = np.zeros((6, 3))
         strided[:, 1] = self.at
         expected = self.kinematics.poses(self.at[np.newaxis])
-        for same in (strided[:, 1], self.at.astype(">f8"), self.at.tolist()):
+        not_aligned = np.frombuffer(b"x" + self.at.tobytes(), np.uint8)[1:].view(np.float64)
+        for same in (strided[:, 1], self.at.astype(">f8"), not_aligned, self.at.tolist()):
             rows = np.asarray(same)[np.newaxis]
             assert np.array_equal(self.kinematics.poses(rows), expected)
         single = self.at.astype(np.float32)[np.newaxis]

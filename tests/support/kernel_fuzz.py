@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
 from threading import Thread
@@ -312,6 +313,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=3)
     options = parser.parse_args()
+    warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
     kernel = compiled_kernel()
     if kernel is None:
         sys.exit("the kernel is not compiled")
