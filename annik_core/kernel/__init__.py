@@ -11,7 +11,8 @@ from typing import Any
 #: What that means, and what to do.
 NO_KERNEL = (
     "arms are solved without the compiled kernel, about ten times slower",
-    "install a C++ compiler (sudo apt install g++), then annik again; or unset ANNIK_KERNEL",
+    "install a C++ compiler (sudo apt install g++ python3-dev pybind11-dev), then annik again; or "
+    "unset ANNIK_KERNEL",
 )
 
 
