@@ -32,6 +32,8 @@ POSE_FIELDS = (
 
 #: How far a quaternion's norm may be from one and still be normalised rather than refused.
 QUATERNION_NORM_TOLERANCE = 1e-3
+#: Within this part of it, however the norm is rounded.
+CERTAIN_NORM = (1.0 - 1e-9) * QUATERNION_NORM_TOLERANCE
 #: A norm this close to one is one, to rounding.
 _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 
@@ -61,6 +63,20 @@ def checked_pose(pose: ArrayLike) -> FloatArray:
     if deviation > _ROUNDING:
         checked[3:] /= norm
     return checked
+
+
+def normalise_rows(poses: FloatArray) -> NDArray[np.bool_]:
+    """Which rows ``(n, 7)`` :func:`checked_pose` certainly accepts; these are normalised in place.
+
+    A row that is not among them may be good too, and is as it was.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        norms = np.linalg.norm(poses[:, 3:], axis=1)
+        deviations = np.abs(norms - 1.0)
+    good: NDArray[np.bool_] = np.isfinite(poses).all(axis=1) & (deviations < CERTAIN_NORM)
+    uneven = good & (deviations > _ROUNDING)
+    poses[uneven, 3:] /= norms[uneven, np.newaxis]
+    return good
 
 
 def pose_from_roll_pitch_yaw(position: ArrayLike, roll_pitch_yaw: ArrayLike) -> FloatArray:

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.errors import InvalidValue
 from annik_core.pose import POSE_FIELDS, FloatArray, Numbers
@@ -472,19 +473,47 @@ def check_measured_step(candidate: Candidate, context: CommandContext) -> Refusa
 
 Check = Callable[[Candidate, CommandContext], Refusal | None]
 
-#: The checks on a solution, in the order of :class:`IkStatus`; each runs once, and the first that
-#: refuses ends them. Those of the target come before: frame, age, path length, workspace box
-#: (above), numbers (:func:`annik_core.pose.checked_pose`) and the robot's workspace.
-COMMAND_CHECKS: tuple[Check, ...] = (
+#: The checks of a solution by itself, and those of the motion to it.
+_OWN_CHECKS: tuple[Check, ...] = (
     check_convergence,
     check_joint_limits,
     check_residuals,
     check_expected_errors,
+)
+MOTION_CHECKS: tuple[Check, ...] = (
     check_joint_step,
     check_joint_velocity,
     check_first_command,
     check_measured_step,
 )
+#: The checks on a solution, in the order of :class:`IkStatus`; each runs once, and the first that
+#: refuses ends them. Those of the target come before: frame, age, path length, workspace box
+#: (above), numbers (:func:`annik_core.pose.checked_pose`) and the robot's workspace.
+COMMAND_CHECKS: tuple[Check, ...] = (*_OWN_CHECKS, *MOTION_CHECKS)
+
+
+def surely_accepted(
+    robot: Robot,
+    limits: AcceptanceLimits,
+    joint_positions: FloatArray,
+    residuals: FloatArray,
+    converged: NDArray[np.bool_],
+    expected_errors: FloatArray,
+) -> NDArray[np.bool_]:
+    """Which rows none of :data:`COMMAND_CHECKS` refuses, without previous command or motion.
+
+    Of n candidates: joint positions ``(n, dof)``, residuals and expected errors ``(n, 2)`` [m],
+    [rad]. A check that is new must be here too; what is not certain is left to the checks.
+    """
+    lower, upper = robot.joint_limits.lower, robot.joint_limits.upper
+    inside = (joint_positions >= lower) & (joint_positions <= upper)
+    near = residuals <= [limits.max_position_residual, limits.max_orientation_residual]
+    accepted: NDArray[np.bool_] = converged & inside.all(axis=1) & near.all(axis=1)
+    if limits.limits_expected_errors:
+        largest = [limits.max_expected_error, limits.max_expected_orientation_error]
+        # Infinite limits do not refuse what is unknown.
+        accepted &= (np.isinf(largest) | (expected_errors <= largest)).all(axis=1)
+    return accepted
 
 
 def measured_violation(

@@ -10,9 +10,8 @@ from annik_core.dataset import Dataset
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.robot import Robot
 from annik_core.safety import AcceptanceLimits
-from annik_core.solver.ik_solver import SolverMode
-from annik_core.solver.refinement import Refinement
-from annik_core.solver.result import RefinementOptions, RefinementResult
+from annik_core.solver.ik_solver import SolverMode, refinement_of
+from annik_core.solver.result import RefinementResults
 from annik_training.defaults import DEFAULT_EVALUATION_POSES
 from annik_training.designs.registry import random_dataset
 from annik_training.joint_box import mobility
@@ -98,7 +97,7 @@ class NetworkErrors:
     distances: FloatArray  #: ``(n,)`` of the poses there from the poses of the dataset [m]
     angles: FloatArray  #: ``(n,)`` [rad]
     #: The joint positions refined; None for a robot whose solutions are not refined.
-    refined: list[RefinementResult] | None
+    refined: RefinementResults | None
 
     def summary(self) -> Evaluation:
         """Percentiles of the errors."""
@@ -148,22 +147,17 @@ def network_errors(
     distances, angles = pose_distance(dataset.poses, robot.forward_kinematics.poses(found))
     refined = None
     if SolverMode.AUTO.refines(robot):
-        refinement = Refinement(robot.forward_kinematics, robot.search_box, RefinementOptions())
-        refined = [
-            refinement.refine(start, pose)
-            for start, pose in zip(found, dataset.poses, strict=True)
-        ]
+        refined = refinement_of(robot).refine_batch(found, dataset.poses)
     return NetworkErrors(dataset, found, distances, angles, refined)
 
 
-def _refined_evaluation(refined: list[RefinementResult], dataset: Dataset) -> RefinedEvaluation:
+def _refined_evaluation(refined: RefinementResults, dataset: Dataset) -> RefinedEvaluation:
     """Summary of refinements; the residuals are measured again, from poses computed anew."""
-    converged = np.array([result.converged for result in refined])
-    found = np.array([result.joint_positions for result in refined])
+    converged, found = refined.converged, refined.joint_positions
     off = np.abs(dataset.robot.difference(found, dataset.joint_positions)).max(axis=1)
     if not converged.any():
         return RefinedEvaluation(0.0, 0.0, 0.0, 0.0, 0, 0.0, 0.0)
-    steps = np.array([result.newton_steps for result in refined])[converged]
+    steps = refined.newton_steps[converged]
     achieved = dataset.robot.forward_kinematics.poses(found[converged])
     distances, angles = pose_distance(dataset.poses[converged], achieved)
     return RefinedEvaluation(

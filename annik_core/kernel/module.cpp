@@ -23,7 +23,10 @@ namespace {
 using Array = py::array_t<double, py::array::c_style | py::array::forcecast |
                                       py::detail::npy_api::NPY_ARRAY_ALIGNED_>;
 
-void check_shape(const Array& array, std::initializer_list<py::ssize_t> shape, const char* name) {
+// Shared, not converted.
+using Memory = py::array_t<double, py::array::c_style>;
+
+void check_shape(const py::array& array, std::initializer_list<py::ssize_t> shape, const char* name) {
   bool fits = array.ndim() == static_cast<py::ssize_t>(shape.size());
   std::string text;
   py::ssize_t axis = 0;
@@ -246,6 +249,44 @@ class PyChain : public Object {
   Chain chain_;
 };
 
+// The bound of a calibrated robot's pose error, as robots/corrections.py describes it.
+class PyErrorBound : public Object {
+ public:
+  PyErrorBound(const Array& centre, const Array& half_width, const Array& coefficients)
+      : dof_(centre.ndim() == 1 ? centre.shape(0) : 0) {
+    if (dof_ < 1 || dof_ > static_cast<py::ssize_t>(MAX_JOINTS))
+      throw std::invalid_argument("centre must have 1 to 32 numbers, one a joint");
+    check_shape(half_width, {dof_}, "half_width");
+    check_shape(coefficients, {2, 1 + dof_ + dof_ * (dof_ + 1) / 2}, "coefficients");
+    scaling_ = {joints_from(centre.data(), dof_), joints_from(half_width.data(), dof_)};
+    coefficients_.assign(coefficients.data(), coefficients.data() + coefficients.size());
+  }
+
+  py::tuple at(const Array& joint_positions) const {
+    check_shape(joint_positions, {constructed(dof_)}, "joint_positions");
+    Joints x;
+    for (py::ssize_t i = 0; i < dof_; ++i) {
+      const double scaled = (joint_positions.data()[i] - scaling_.centre[i]) / scaling_.half_width[i];
+      x[i] = std::min(std::max(scaled, -1.0), 1.0);
+    }
+    const double* coefficient = coefficients_.data();
+    const auto bound = [&] {
+      double exponent = *coefficient++;
+      for (py::ssize_t i = 0; i < dof_; ++i) exponent += *coefficient++ * x[i];
+      for (py::ssize_t i = 0; i < dof_; ++i)
+        for (py::ssize_t j = i; j < dof_; ++j) exponent += *coefficient++ * x[i] * x[j];
+      return std::exp(exponent);
+    };
+    const double position = bound();
+    return py::make_tuple(position, bound());
+  }
+
+ private:
+  py::ssize_t dof_;
+  Scaling scaling_;
+  std::vector<double> coefficients_;
+};
+
 class PyRefinement : public Object {
  public:
   PyRefinement(const PyChain& chain, const Array& lower, const Array& upper, int max_newton_steps,
@@ -302,11 +343,102 @@ class PyRefinement : public Object {
     return py::make_tuple(positions, distances, angles, steps, converged);
   }
 
+  const Refinement& refinement() const {
+    dof();
+    return refinement_;
+  }
+
  private:
   py::ssize_t dof() const { return constructed(dof_); }
 
   py::ssize_t dof_;
   Refinement refinement_;
+};
+
+// One target at a time, through memory that is bound to a network. It decides only what is certain:
+// every doubtful target is left to Python, which says why it is refused.
+class PyBoundSolve : public Object {
+ public:
+  // ``input``, ``output``: the network's features (13,) and joint positions (dof,); see
+  // model/session.py. ``centre``, ``reach``: the ball of positions that the arm reaches.
+  PyBoundSolve(const PyRefinement& refinement, const Memory& input, const Memory& output,
+               const Array& centre, double reach, const Array& lower, const Array& upper,
+               double max_position_residual, double max_orientation_residual, double norm_tolerance)
+      : refinement_(refinement.refinement()),
+        dof_(static_cast<py::ssize_t>(refinement_.chain.size())),
+        input_(input),
+        output_(output),
+        reach_(reach),
+        most_{max_position_residual, max_orientation_residual},
+        norm_tolerance_(norm_tolerance) {
+    check_shape(input, {13}, "input");
+    check_shape(output, {dof_}, "output");
+    check_shape(centre, {3}, "centre");
+    check_shape(lower, {dof_}, "lower");
+    check_shape(upper, {dof_}, "upper");
+    std::copy_n(centre.data(), 3, centre_.begin());
+    lower_ = joints_from(lower.data(), dof_);
+    upper_ = joints_from(upper.data(), dof_);
+    features_ = input_.mutable_data();
+    found_ = output_.data();
+  }
+
+  // The checked pose, its features written to the network's input; None if it may be refused.
+  py::object prepare(const py::object& pose) {
+    constructed(dof_);
+    const Array given = Array::ensure(pose);
+    if (!given || given.ndim() != 1 || given.shape(0) != 7) return py::none();
+    Array target(7);
+    double* p = target.mutable_data();
+    std::copy_n(given.data(), 7, p);
+    const Vector3 position{p[0], p[1], p[2]};
+    const double length = std::sqrt(p[3] * p[3] + p[4] * p[4] + p[5] * p[5] + p[6] * p[6]);
+    const double deviation = std::abs(length - 1.0);
+    // Not '>', so that NaN is left to Python too.
+    if (!(norm(position - centre_) <= reach_) || !(deviation < norm_tolerance_)) return py::none();
+    if (deviation > ROUNDING)
+      for (int part = 3; part < 7; ++part) p[part] /= length;
+    const double x = p[3], y = p[4], z = p[5], w = p[6];
+    const double features[] = {p[0], p[1], p[2], x * x, y * y, z * z, w * w,
+                               x * y, x * z, x * w, y * z, y * w, z * w};
+    std::copy_n(features, 13, features_);
+    return std::move(target);
+  }
+
+  // Joint positions, residuals and steps for the network's output, or None if a check may refuse.
+  py::object finish(const Array& target) const {
+    constructed(dof_);
+    check_shape(target, {7}, "target");
+    const Joints start = joints_from(found_, dof_);
+    if (!std::all_of(found_, found_ + dof_, [](double x) { return std::isfinite(x); }))
+      return py::none();
+    const Refined found = refinement_.refine(start, placement_of(target.data()));
+    bool good = found.converged && found.position_residual <= most_[0] &&
+                found.orientation_residual <= most_[1];
+    for (py::ssize_t joint = 0; joint < dof_; ++joint)
+      good = good && lower_[joint] <= found.joint_positions[joint] &&
+             found.joint_positions[joint] <= upper_[joint];
+    if (!good) return py::none();
+    Array positions(dof_);
+    std::copy_n(found.joint_positions.begin(), dof_, positions.mutable_data());
+    py::detail::array_proxy(positions.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+    return py::make_tuple(std::move(positions), found.position_residual,
+                          found.orientation_residual, found.newton_steps);
+  }
+
+ private:
+  static constexpr double ROUNDING = 4 * std::numeric_limits<double>::epsilon();
+
+  const Refinement refinement_;
+  py::ssize_t dof_;
+  Memory input_, output_;  // keeps the memory
+  double* features_;
+  const double* found_;
+  Vector3 centre_{};
+  double reach_;
+  std::array<double, 2> most_;
+  double norm_tolerance_;
+  Joints lower_, upper_;
 };
 
 }  // namespace annik
@@ -321,8 +453,18 @@ PYBIND11_MODULE(compiled, module) {
       .def("jacobians", &PyChain::jacobians)
       .def("linearise", &PyChain::linearise)
       .def("residuals", &PyChain::residuals);
+  py::class_<PyErrorBound>(module, "ErrorBound")
+      .def(py::init<const Array&, const Array&, const Array&>())
+      .def("at", &PyErrorBound::at);
   py::class_<PyRefinement>(module, "Refinement")
       .def(py::init<const PyChain&, const Array&, const Array&, int, double>())
       .def("refine", &PyRefinement::refine)
       .def("refine_batch", &PyRefinement::refine_batch);
+  py::class_<PyBoundSolve>(module, "BoundSolve")
+      .def(py::init<const PyRefinement&, const Memory&, const Memory&, const Array&, double,
+                    const Array&, const Array&, double, double, double>(),
+           py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(), py::arg(),
+           py::arg(), py::arg(), py::arg(), py::arg(), py::arg())
+      .def("prepare", &PyBoundSolve::prepare)
+      .def("finish", &PyBoundSolve::finish);
 }

@@ -31,11 +31,12 @@ from annik_core.model.graph import (
 )
 from annik_core.model.metadata import ModelMetadata, Quality, quality_of
 from annik_core.model.session import (
-    PLAIN_ENCODING,
+    PLAIN_ENCODINGS,
     BoundSession,
+    PlainEncoding,
     first_line,
     make_session,
-    pose_features,
+    position_and_products,
 )
 from annik_core.pose import FloatArray
 from annik_core.robots.errors import InvalidRobotDefinition
@@ -58,8 +59,8 @@ _DOUBLE = np.dtype(np.float64)
 class Model:
     """A checked model file, ready to run.
 
-    ``after_features`` is the part of the graph after the encoding, for one pose; None where plain
-    floats do not compute that encoding.
+    ``encoding`` and ``after_features`` are for one pose: its encoding in plain floats, and the
+    part of the graph after it; None where plain floats do not compute that encoding.
     """
 
     path: Path
@@ -67,6 +68,7 @@ class Model:
     metadata: ModelMetadata
     robot: Robot
     session: onnxruntime.InferenceSession
+    encoding: PlainEncoding | None = None
     after_features: BoundSession | None = None
 
     def joint_positions(self, poses: FloatArray) -> FloatArray:
@@ -93,11 +95,28 @@ class Model:
             NetworkFailed: if there are none.
         """
         try:
-            if self.after_features is not None:
-                features = pose_features(pose)
+            if self.encoding is not None and self.after_features is not None:
+                features = self.encoding.features(pose)
                 if features is not None:
                     return self.after_features(features)
             return self._whole_graph(pose.tobytes())
+        except Exception as error:
+            raise self._failed(first_line(error)) from error
+
+    @property
+    def after_products(self) -> BoundSession | None:
+        """:attr:`after_features` if these are :func:`position_and_products`, otherwise None."""
+        plain = self.encoding is not None and self.encoding.features is position_and_products
+        return self.after_features if plain else None
+
+    def run(self, bound: BoundSession) -> None:
+        """Run one of its bound sessions on what is in the input.
+
+        Raises:
+            NetworkFailed: if it fails.
+        """
+        try:
+            bound.run()
         except Exception as error:
             raise self._failed(first_line(error)) from error
 
@@ -170,9 +189,10 @@ def checked_model(content: bytes, path: Path) -> Model:
     nodes = nodes_after(metadata.features, graph, path)
     model = Model(path, hashlib.sha256(content).hexdigest(), metadata, robot, session)
     _check_references(model)
-    if metadata.encoding != PLAIN_ENCODING or None in map(pose_features, _references(model)):
+    encoding = PLAIN_ENCODINGS.get(metadata.encoding)
+    if encoding is None or None in map(encoding.features, _references(model)):
         return model
-    return _with_plain_encoding(model, graph_of(nodes, metadata.features, graph))
+    return _with_plain_encoding(model, encoding, graph_of(nodes, metadata.features, graph))
 
 
 def _robot(metadata: ModelMetadata, path: Path) -> Robot:
@@ -219,12 +239,12 @@ def _check_references(model: Model) -> None:
     _compare(model, "reference_joint_positions", _one_at_a_time(model))
 
 
-def _with_plain_encoding(model: Model, after_features: Any) -> Model:
+def _with_plain_encoding(model: Model, encoding: PlainEncoding, after_features: Any) -> Model:
     """The model with the part after its features bound, and compared with the references."""
     path, features = model.path, model.metadata.features
     session = make_session(after_features.SerializeToString(), path)
-    bound = BoundSession(session, (features, OUTPUT_NAME), (6, model.robot.dof))
-    faster = replace(model, after_features=bound)
+    bound = BoundSession(session, (features, OUTPUT_NAME), (encoding.width, model.robot.dof))
+    faster = replace(model, encoding=encoding, after_features=bound)
     try:
         _compare(faster, "features", _one_at_a_time(faster))
     # Of another width, for example.

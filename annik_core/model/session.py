@@ -1,13 +1,15 @@
 """Sessions of onnxruntime for one pose at a time: without threads, and bound to memory.
 
-For one pose, the encoding in the gantry's graph takes most of the time: some fifty operators on
-single numbers. :func:`pose_features` computes the same in plain floats.
+For one pose, an encoding in the graph takes long: that of the gantry, some fifty operators on
+single numbers, most of the time, that of an arm a quarter. :data:`PLAIN_ENCODINGS` are the same in
+plain floats.
 """
 
 import math
 import struct
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnxruntime
@@ -15,12 +17,10 @@ import onnxruntime
 from annik_core.model.errors import UnreadableModel
 from annik_core.pose import FloatArray, roll_pitch_yaw
 
-#: Name of the pose encoding that :func:`pose_features` computes.
-PLAIN_ENCODING = "position_roll_pitch_yaw"
 #: Nearer to 90 degrees, the encoding in the graph is more accurate [rad].
 _ACCURATE_PITCH = 0.5 * math.pi - 1e-3
 # Several times faster than an assignment to an array.
-_SIX_DOUBLES = struct.Struct("6d").pack
+_SIX_DOUBLES, _THIRTEEN_DOUBLES = struct.Struct("6d").pack, struct.Struct("13d").pack
 
 
 def make_session(content: bytes, path: Path) -> onnxruntime.InferenceSession:
@@ -54,9 +54,14 @@ class BoundSession:
         """Bind input and output, by their names and their numbers in a row."""
         self._session = session
         self._input, self._output = (np.zeros((1, size)) for size in sizes)
-        self._output_row = self._output[0]
+        #: Input and output themselves.
+        self.input_row, self.output_row = self._input[0], self._output[0]
         self._input_bytes = self._input.data.cast("B")
         self._binding: Any = session.io_binding()
+        # Without options onnxruntime makes new ones for every call; without this entry, which is
+        # its default, an exception that it catches.
+        self._options = onnxruntime.RunOptions()
+        self._options.add_run_config_entry("gpu_graph_id", "-1")
         # On a processor an OrtValue is the array's own memory.
         self._binding.bind_ortvalue_input(
             names[0], onnxruntime.OrtValue.ortvalue_from_numpy(self._input)
@@ -68,16 +73,49 @@ class BoundSession:
     def __call__(self, row: bytes) -> FloatArray:
         """The output ``(m,)`` for an input of ``n`` numbers, given as the bytes of float64."""
         self._input_bytes[:] = row
-        self._session.run_with_iobinding(self._binding)
-        output: FloatArray = self._output_row.copy()
+        self.run()
+        output: FloatArray = self.output_row.copy()
         return output
 
+    def run(self) -> None:
+        """Compute the output for what is in the input."""
+        self._session.run_with_iobinding(self._binding, self._options)
 
-def pose_features(pose: FloatArray) -> bytes | None:
+
+def task_coordinates(pose: FloatArray) -> bytes | None:
     """x, y, z [m], roll, pitch, yaw [rad], as float64; None if the graph is more accurate."""
     x, y, z, *quaternion = pose.tolist()
     roll, pitch, yaw = roll_pitch_yaw(quaternion)
     return _SIX_DOUBLES(x, y, z, roll, pitch, yaw) if abs(pitch) < _ACCURATE_PITCH else None
+
+
+def position_and_products(pose: FloatArray) -> bytes:
+    """x, y, z [m] and the products of the quaternion's numbers, as float64."""
+    px, py, pz, x, y, z, w = pose.tolist()
+    return _THIRTEEN_DOUBLES(
+        *(px, py, pz, x * x, y * y, z * z, w * w),
+        *(x * y, x * z, x * w, y * z, y * w, z * w),
+    )
+
+
+class PlainEncoding(NamedTuple):
+    """A pose encoding in plain floats.
+
+    Attributes:
+        width: how many numbers it has.
+        features: of one checked pose ``(7,)``, as bytes of float64; None if the graph is to encode
+            this pose.
+    """
+
+    width: int
+    features: Callable[[FloatArray], bytes | None]
+
+
+#: By the names of the encodings in model files.
+PLAIN_ENCODINGS: Mapping[str, PlainEncoding] = {
+    "position_roll_pitch_yaw": PlainEncoding(6, task_coordinates),
+    "position_rotation_matrix": PlainEncoding(13, position_and_products),
+}
 
 
 def first_line(error: Exception) -> str:

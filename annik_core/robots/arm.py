@@ -7,6 +7,7 @@ from math import dist
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray, Numbers
 from annik_core.robots.arm_kinematics import arm_kinematics
@@ -16,6 +17,7 @@ from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import (
     FULL_TURN,
+    NO_REFERENCE,
     TURN_TOLERANCE,
     ResolvedTarget,
     Robot,
@@ -24,7 +26,6 @@ from annik_core.robots.robot import (
 from annik_core.robots.screw_chain import ScrewChain
 from annik_core.robots.urdf import SerialChain, serial_chain
 
-_NO_REFERENCE: FloatArray = np.zeros(0)
 #: Most moving joints of an arm.
 MAX_JOINTS = 32
 
@@ -48,7 +49,19 @@ class ArmWorkspace:
                 f"the target is {distance:.6g} m from the first joint, the arm reaches at most "
                 f"{self.reach:.6g} m"
             )
-        return ResolvedTarget(pose, violation, _NO_REFERENCE)
+        return ResolvedTarget(pose, violation, NO_REFERENCE)
+
+    def plainly_inside(self, poses: FloatArray) -> NDArray[np.bool_]:
+        """See :meth:`annik_core.robots.robot.Workspace.plainly_inside`."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            distances = np.linalg.norm(poses[:, :3] - self.centre, axis=1)
+        inside: NDArray[np.bool_] = distances <= self.certain_reach
+        return inside
+
+    @property
+    def certain_reach(self) -> float:
+        """A distance [m] that :meth:`resolve` takes to be inside, however it is rounded."""
+        return self.reach * (1.0 - 1e-12)
 
     @cached_property
     def _centre(self) -> list[float]:
@@ -57,7 +70,7 @@ class ArmWorkspace:
 
     def reference(self, joint_positions: FloatArray) -> FloatArray:
         """Empty: an arm's solution needs no reference."""
-        return _NO_REFERENCE
+        return NO_REFERENCE
 
 
 def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:

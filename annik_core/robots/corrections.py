@@ -1,12 +1,13 @@
 """Kinematic corrections of an arm, found by calibration, and a bound of the remaining error."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from annik_core.kernel import compiled_kernel
 from annik_core.pose import QUATERNION_NORM_TOLERANCE, FloatArray
 from annik_core.robots.definition import (
     check_positive,
@@ -48,7 +49,7 @@ class _ScaledPart:
 
     def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""
-        return {name: array.tolist() for name, array in vars(self).items()}
+        return {entry.name: getattr(self, entry.name).tolist() for entry in fields(self)}
 
     @classmethod
     def from_dict(cls: type[Part], data: Any, dof: int, source: str, what: str) -> Part:
@@ -168,11 +169,24 @@ class ErrorBound(_ScaledPart):
 
     def at(self, joint_positions: FloatArray) -> tuple[float, float]:
         """Bounds of the distance [m] and the angle [rad] at joint positions ``(dof,)``."""
+        if self._compiled is not None:
+            bounds: tuple[float, float] = self._compiled.at(joint_positions)
+            return bounds
+        position, orientation = self.of_rows(joint_positions[np.newaxis])[0].tolist()
+        return position, orientation
+
+    def of_rows(self, joint_positions: FloatArray) -> FloatArray:
+        """:meth:`at` for rows ``(n, dof)``: ``(n, 2)``."""
         # Outside the box the quadratic is not known to hold.
         clipped = np.minimum(np.maximum(self.scaled(joint_positions), -1.0), 1.0)
-        exponents = self.coefficients @ quadratic_features(clipped[np.newaxis])[0]
-        position, orientation = exponents.tolist()
-        return math.exp(position), math.exp(orientation)
+        bounds: FloatArray = np.exp(quadratic_features(clipped) @ self.coefficients.T)
+        return bounds
+
+    @cached_property
+    def _compiled(self) -> Any:
+        kernel = compiled_kernel()
+        parts = self.centre, self.half_width, self.coefficients
+        return None if kernel is None else kernel.ErrorBound(*parts)
 
     @staticmethod
     def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:

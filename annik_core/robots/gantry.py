@@ -18,6 +18,7 @@ from operator import add, le, mul
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.pose import (
     FloatArray,
@@ -140,6 +141,10 @@ class GantryWorkspace:
         numbers = tilted.tolist()
         pose = np.array([x, y, z, *quaternion_from_roll_pitch_yaw(*numbers)])
         return ResolvedTarget(pose, self._violation([x, y, z, *numbers]), tilted)
+
+    def plainly_inside(self, poses: FloatArray) -> NDArray[np.bool_]:
+        """None: each needs its reference."""
+        return np.zeros(len(poses), dtype=np.bool_)
 
     def _violation(self, task: list[float]) -> str | None:
         least, greatest = self._least_tolerated

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.errors import WrongShape
 from annik_core.pose import FloatArray, Numbers, rotation_matrix, single_pose_difference
@@ -104,6 +105,10 @@ def unwrapped(
     return nearest
 
 
+#: The reference of a robot whose poses leave no choice.
+NO_REFERENCE: FloatArray = np.zeros(0)
+
+
 class ResolvedTarget(NamedTuple):
     """A target as the network should see it, and whether it is in the workspace.
 
@@ -129,6 +134,13 @@ class Workspace(Protocol):
 
     def resolve(self, pose: FloatArray, reference: Numbers | None) -> ResolvedTarget:
         """Check a target ``(7,)``; where it leaves a choice, resolve it close to ``reference``."""
+        ...
+
+    def plainly_inside(self, poses: FloatArray) -> NDArray[np.bool_]:
+        """Which checked poses ``(n, 7)`` :meth:`resolve` certainly gives back as they are, inside.
+
+        The reference is empty for these.
+        """
         ...
 
     def reference(self, joint_positions: FloatArray) -> FloatArray:

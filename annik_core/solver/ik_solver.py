@@ -2,9 +2,11 @@
 
 import math
 import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +15,14 @@ from numpy.typing import ArrayLike
 
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.kernel import compiled_kernel
-from annik_core.pose import FloatArray, Numbers, checked_pose
+from annik_core.pose import CERTAIN_NORM, FloatArray, Numbers, checked_pose, normalise_rows
+from annik_core.robots.arm import ArmWorkspace
 from annik_core.robots.arm_kinematics import CompiledKinematics
 from annik_core.robots.joint_limits import JointLimits
-from annik_core.robots.robot import ResolvedTarget, Robot, check_joint_count
+from annik_core.robots.robot import NO_REFERENCE, ResolvedTarget, Robot, check_joint_count
 from annik_core.safety import (
     COMMAND_CHECKS,
+    MOTION_CHECKS,
     UNKNOWN,
     AcceptanceLimits,
     Candidate,
@@ -26,12 +30,21 @@ from annik_core.safety import (
     IkStatus,
     Motion,
     Refusal,
+    surely_accepted,
 )
-from annik_core.solver.result import IkResult, RefinementOptions, RefinementResult
+from annik_core.solver.result import (
+    IkResult,
+    RefinementOptions,
+    RefinementResult,
+    RefinementResults,
+)
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
     from annik_core.solver.refinement import Refinement
+
+#: Poses in a call of the network: as many as leave its activations in a processor's cache.
+_PART = 256
 
 
 class SolverMode(Enum):
@@ -70,12 +83,30 @@ class CompiledRefinement:
         """Search for joint positions that reach a target ``(7,)``, as the other does."""
         return RefinementResult(*self.compiled.refine(start, target))
 
-    def refine_batch(self, starts: FloatArray, targets: FloatArray) -> list[RefinementResult]:
-        """:meth:`refine` of rows ``(n, dof)`` and ``(n, 7)``, on all processors."""
-        threads = len(os.sched_getaffinity(0))
-        positions, *columns = self.compiled.refine_batch(starts, targets, threads)
-        rows = zip(positions, *(column.tolist() for column in columns), strict=True)
-        return [RefinementResult(*row) for row in rows]
+    def refine_batch(
+        self, starts: FloatArray, targets: FloatArray, threads: int | None = None
+    ) -> RefinementResults:
+        """:meth:`refine` of rows ``(n, dof)`` and ``(n, 7)``, on some threads; None: all cores."""
+        threads = threads or usable_cores()
+        return RefinementResults(*self.compiled.refine_batch(starts, targets, threads))
+
+
+def usable_cores() -> int:
+    """How many processor cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def refinement_of(
+    robot: Robot, options: RefinementOptions | None = None
+) -> "Refinement | CompiledRefinement":
+    """The refinement of a robot's solutions, compiled where it can be."""
+    kinematics, options = robot.forward_kinematics, options or RefinementOptions()
+    if isinstance(kinematics, CompiledKinematics):
+        return CompiledRefinement(kinematics, robot.search_box, options)
+    # Not above: its linear algebra loads slowly.
+    from annik_core.solver.refinement import Refinement
+
+    return Refinement(kinematics, robot.search_box, options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,36 +181,137 @@ class IkSolver:
         if previous is not None or motion is not None:
             reference, previous_positions = self._remembered(previous)
             context = CommandContext(self.limits, previous_positions, motion)
+        result = self._certain_result(pose, context)
+        if result is not None:
+            return result
         target = self._checked(pose, reference)
         if isinstance(target, Refusal):
             return IkResult.refused(target)
         solution = self.artifact.joint_positions_at(target[1].pose)
         return self._result(*target, solution, context)
 
-    def solve_batch(self, poses: ArrayLike) -> list[IkResult]:
+    def solve_batch(self, poses: ArrayLike, threads: int | None = None) -> list[IkResult]:
         """Results for many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them.
 
-        The network solves all of them at once, which is quicker; its solutions may differ from
-        those of one pose at a time by rounding.
+        All poses go through network, refinement and checks together, which is quicker, on some
+        threads, by default as many as there are cores for this process. The solutions may differ
+        from those of one pose at a time by rounding. A pose that does not pass every check in this
+        way is checked by itself, so a refusal and its reason are those of :meth:`solve`.
         """
-        targets = [self._checked(pose, None) for pose in np.asarray(poses, dtype=np.float64)]
-        usable = [target for target in targets if not isinstance(target, Refusal)]
-        results: list[IkResult] = []
-        if usable:
-            solutions = self.artifact.joint_positions(np.array([seen.pose for _, seen in usable]))
-            refined: list[Any] = [None] * len(usable)
-            if self.refines and isinstance(self._refinement, CompiledRefinement):
-                goals = np.array([target for target, _ in usable])
-                refined = self._refinement.refine_batch(solutions, goals)
-            results = [
-                self._result(*target, solution, self._alone, found)
-                for target, solution, found in zip(usable, solutions, refined, strict=True)
-            ]
-        solved = iter(results)
-        return [
-            IkResult.refused(target) if isinstance(target, Refusal) else next(solved)
-            for target in targets
-        ]
+        targets = np.array(poses, dtype=np.float64)
+        if targets.ndim != 2 or targets.shape[1] != 7:
+            return [self.solve(pose) for pose in targets]
+        threads = threads or usable_cores()
+        results: list[Any] = [None] * len(targets)
+        usable = normalise_rows(targets) & self.robot.workspace.plainly_inside(targets)
+        shown, resolved = targets.copy(), dict[int, ResolvedTarget]()
+        for row in np.flatnonzero(~usable).tolist():
+            checked = self._checked(targets[row], None)
+            if isinstance(checked, Refusal):
+                results[row] = IkResult.refused(checked)
+                continue
+            usable[row], targets[row], resolved[row] = True, *checked
+            shown[row] = resolved[row].pose
+        rows = np.flatnonzero(usable).tolist()
+        if not rows:
+            return results
+        goals, solutions = targets[rows], self._network(shown[rows], threads)
+        refined: RefinementResults | None = None
+        accepted: list[IkResult | None] = [None] * len(rows)
+        if self.refines:
+            refined = self._refinement.refine_batch(solutions, goals, threads)
+            accepted = self._accepted(goals, solutions, refined)
+        for index, row in enumerate(rows):
+            if row not in resolved and accepted[index] is not None:
+                results[row] = accepted[index]
+                continue
+            target = resolved.get(row) or ResolvedTarget(goals[index], None, NO_REFERENCE)
+            one = None if refined is None else refined.row(index)
+            results[row] = self._result(goals[index], target, solutions[index], self._alone, one)
+        return results
+
+    @cached_property
+    def _steps(self) -> tuple[Any, Callable[[], None], Any] | None:
+        """How one target is solved in the kernel: before the network, the network, after it.
+
+        None if this solver's targets can't be.
+        """
+        robot, limits, network = self.robot, self.limits, self.artifact.after_products
+        if not self.refines or not isinstance(self._refinement, CompiledRefinement):
+            return None
+        if network is None or not isinstance(robot.workspace, ArmWorkspace):
+            return None
+        if robot.turning or self.seed_from_previous or limits.limits_expected_errors:
+            return None
+        bound = compiled_kernel().BoundSolve(
+            *(self._refinement.compiled, network.input_row, network.output_row),
+            *(robot.workspace.centre, robot.workspace.certain_reach),
+            *(robot.joint_limits.lower, robot.joint_limits.upper),
+            *(limits.max_position_residual, limits.max_orientation_residual),
+            CERTAIN_NORM,
+        )
+        return bound.prepare, partial(self.artifact.run, network), bound.finish
+
+    def _certain_result(self, pose: ArrayLike, context: CommandContext) -> IkResult | None:
+        """The result, if the kernel is certain of target and solution; otherwise None.
+
+        What it is not certain of may be refused, and :meth:`solve` goes on to say why.
+        """
+        if self._steps is None:
+            return None
+        prepare, run, finish = self._steps
+        target = prepare(pose)
+        if target is None:
+            return None
+        run()
+        found = finish(target)
+        if found is None:
+            return None
+        positions, distance, angle, steps = found
+        if context is not self._alone:
+            candidate = Candidate(self.robot, target, positions, (distance, angle), steps)
+            for check in MOTION_CHECKS:
+                refusal = check(candidate, context)
+                if refusal is not None:
+                    return IkResult.refused(refusal, (distance, angle), steps)
+        bound = self.robot.error_bound
+        expected = UNKNOWN if bound is None else bound.at(positions)
+        one = (IkStatus.SUCCESS, positions, distance, angle, steps, "", target, NO_REFERENCE)
+        return IkResult(*one, *expected)
+
+    def _network(self, poses: FloatArray, threads: int) -> FloatArray:
+        """The network's joint positions ``(n, dof)``."""
+        parts = [poses[begin : begin + _PART] for begin in range(0, len(poses), _PART)]
+        if len(parts) < 2:
+            return self.artifact.joint_positions(poses)
+        if threads == 1:
+            return np.concatenate(list(map(self.artifact.joint_positions, parts)))
+        # onnxruntime works without Python's lock.
+        with ThreadPoolExecutor(threads) as pool:
+            return np.concatenate(list(pool.map(self.artifact.joint_positions, parts)))
+
+    def _accepted(
+        self, targets: FloatArray, solutions: FloatArray, refined: RefinementResults
+    ) -> list[IkResult | None]:
+        """Results for targets ``(n, 7)``; None where a check may refuse."""
+        robot, positions = self.robot, refined.joint_positions
+        positions.setflags(write=False)
+        residuals = np.column_stack([refined.position_residual, refined.orientation_residual])
+        errors = np.full((len(positions), 2), math.nan)
+        with np.errstate(invalid="ignore"):
+            near = robot.in_box(positions)
+            if robot.error_bound is not None:
+                errors = robot.error_bound.of_rows(near)
+        good = surely_accepted(robot, self.limits, positions, residuals, refined.converged, errors)
+        good &= np.isfinite(solutions).all(axis=1) & (near == positions).all(axis=1)
+        numbers = residuals.tolist(), refined.newton_steps.tolist(), errors.tolist()
+        results: list[IkResult | None] = []
+        for accepted, found, target, (distance, angle), steps, expected in zip(
+            good.tolist(), positions, targets, *numbers, strict=True
+        ):
+            one = (IkStatus.SUCCESS, found, distance, angle, steps, "", target, NO_REFERENCE)
+            results.append(IkResult(*one, *expected) if accepted else None)
+        return results
 
     @cached_property
     def _alone(self) -> CommandContext:
@@ -188,14 +320,7 @@ class IkSolver:
 
     @cached_property
     def _refinement(self) -> "Refinement | CompiledRefinement":
-        robot = self.robot
-        box, options = robot.search_box, self.refinement_options
-        if isinstance(robot.forward_kinematics, CompiledKinematics):
-            return CompiledRefinement(robot.forward_kinematics, box, options)
-        # Not above: its linear algebra loads slowly.
-        from annik_core.solver.refinement import Refinement
-
-        return Refinement(robot.forward_kinematics, box, options)
+        return refinement_of(self.robot, self.refinement_options)
 
     def _checked(
         self, pose: ArrayLike, reference: Numbers | None

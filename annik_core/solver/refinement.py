@@ -30,7 +30,7 @@ from scipy.linalg.lapack import dgesv, dposv
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import ForwardKinematics
-from annik_core.solver.result import RefinementOptions, RefinementResult
+from annik_core.solver.result import RefinementOptions, RefinementResult, RefinementResults
 
 #: c, the damping for an error of 1 m or 1 rad.
 _DAMPING = 0.01
@@ -40,6 +40,8 @@ _NEAR = 0.01
 _SHORT = 0.04
 #: b, which keeps the system regular at a singularity.
 _LEAST_DAMPING = 1e-12
+#: Types of the columns of :class:`annik_core.solver.result.RefinementResults` after the first.
+_COLUMNS = (np.float64, np.float64, np.int32, np.bool_)
 #: Identity matrices by size.
 _IDENTITY = [np.eye(size, order="F") for size in range(33)]
 #: Steps before a search may count as stuck.
@@ -80,6 +82,17 @@ class Refinement:
         if lost or result.converged or result.newton_steps == self.options.max_newton_steps:
             return result
         return self._beyond_singularities(begin, target, result)
+
+    def refine_batch(
+        self, starts: FloatArray, targets: FloatArray, threads: int | None = None
+    ) -> RefinementResults:
+        """:meth:`refine` of rows ``(n, dof)`` and ``(n, 7)``, one after the other."""
+        rows = [self.refine(*row) for row in zip(starts, targets, strict=True)]
+        positions, *columns = zip(*rows, strict=True) if rows else ((),) * 5
+        return RefinementResults(
+            np.array(positions).reshape(starts.shape),
+            *(np.array(column, kind) for column, kind in zip(columns, _COLUMNS, strict=True)),
+        )
 
     def _beyond_singularities(
         self, begin: FloatArray, target: FloatArray, first: RefinementResult

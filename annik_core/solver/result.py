@@ -4,6 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from annik_core.pose import FloatArray, Numbers
 from annik_core.safety import UNKNOWN, IkStatus, Refusal
 from annik_core.settings import CheckedSettings, setting
@@ -44,6 +47,21 @@ class RefinementResult(NamedTuple):
     converged: bool
 
 
+class RefinementResults(NamedTuple):
+    """Where the refinements of n targets ended: :class:`RefinementResult` column by column."""
+
+    joint_positions: FloatArray  #: ``(n, dof)`` [rad or m]
+    position_residual: FloatArray  #: ``(n,)`` [m]
+    orientation_residual: FloatArray  #: ``(n,)`` [rad]
+    newton_steps: NDArray[np.int32]  #: ``(n,)``
+    converged: NDArray[np.bool_]  #: ``(n,)``
+
+    def row(self, index: int) -> RefinementResult:
+        """Where one of them ended."""
+        columns = (column[index].item() for column in self[1:])
+        return RefinementResult(self.joint_positions[index], *columns)
+
+
 @dataclass(frozen=True, eq=False)
 class IkResult:
     """Solution or refusal of one target pose.
@@ -76,6 +94,33 @@ class IkResult:
     reference: Numbers | None = None
     expected_position_error: float = math.nan
     expected_orientation_error: float = math.nan
+
+    def __init__(
+        self,
+        status: IkStatus,
+        joint_positions: FloatArray | None,
+        position_residual: float,
+        orientation_residual: float,
+        newton_steps: int,
+        reason: str,
+        target: FloatArray | None = None,
+        reference: Numbers | None = None,
+        expected_position_error: float = math.nan,
+        expected_orientation_error: float = math.nan,
+    ) -> None:
+        # The generated one, of a frozen class, takes twice as long.
+        vars(self).update(
+            status=status,
+            joint_positions=joint_positions,
+            position_residual=position_residual,
+            orientation_residual=orientation_residual,
+            newton_steps=newton_steps,
+            reason=reason,
+            target=target,
+            reference=reference,
+            expected_position_error=expected_position_error,
+            expected_orientation_error=expected_orientation_error,
+        )
 
     @property
     def accepted(self) -> bool:

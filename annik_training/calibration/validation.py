@@ -81,7 +81,7 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     nominal = robot_from_definition(robot.nominal_definition, robot.name)
     check_measured_alike(nominal, dataset.robot)
     before, after = _errors(nominal, dataset), _errors(robot, dataset)
-    bounds = np.array([robot.error_bound.at(row) for row in robot.in_box(dataset.joint_positions)])
+    bounds = robot.error_bound.of_rows(robot.in_box(dataset.joint_positions))
     regions = tuple(_regions(dataset, before, after))
     has_orientation = provenance.get("position_only") is not True
     return MeasuredEvaluation(dataset, before, after, bounds, regions, has_orientation)

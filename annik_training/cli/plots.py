@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray
 from annik_training.calibration.validation import REGIONS, MeasuredEvaluation
@@ -33,11 +34,9 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
     figure = Figure(figsize=size, dpi=dots_per_inch, layout="constrained")
     axes = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
     errors_mm = np.maximum(1e3 * errors.distances, 1e-9)
-    failed = (
-        np.zeros(len(errors_mm), dtype=bool)
-        if errors.refined is None
-        else np.array([not result.converged for result in errors.refined])
-    )
+    failed = np.zeros(len(errors_mm), dtype=np.bool_)
+    if errors.refined is not None:
+        failed = ~errors.refined.converged
     for axis, joint in zip(axes, free, strict=False):
         turns = robot.joint_types[joint] != "prismatic"
         positions = errors.dataset.joint_positions[:, joint]
@@ -75,7 +74,7 @@ def _plain(name: str) -> str:
 
 
 def _draw_joint(
-    axis: Axes, positions: FloatArray, errors_mm: FloatArray, failed: FloatArray
+    axis: Axes, positions: FloatArray, errors_mm: FloatArray, failed: NDArray[np.bool_]
 ) -> None:
     edges = np.linspace(positions.min(), positions.max(), _BINS + 1)
     cells = np.clip(np.digitize(positions, edges) - 1, 0, _BINS - 1)

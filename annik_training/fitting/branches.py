@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
+from annik_core.solver.ik_solver import CompiledRefinement, refinement_of
 from annik_core.solver.refinement import Refinement, reflected_across_singularity
 from annik_core.solver.result import RefinementOptions
 from annik_training.joint_box import mobility
@@ -46,16 +47,18 @@ def single_branch(
     if signs is None or mobility(robot).locks:
         return keep
     main = 1.0 if np.sum(signs) >= 0 else -1.0
-    refinement = Refinement(
-        robot.forward_kinematics, robot.search_box, RefinementOptions(max_newton_steps=_STEPS)
-    )
+    refinement = refinement_of(robot, RefinementOptions(max_newton_steps=_STEPS))
     for row in np.flatnonzero(signs != main):
         keep[row] = not _reaches(refinement, robot, main, joint_positions[row], poses[row])
     return keep
 
 
 def _reaches(
-    refinement: Refinement, robot: Robot, sign: float, other: FloatArray, pose: FloatArray
+    refinement: Refinement | CompiledRefinement,
+    robot: Robot,
+    sign: float,
+    other: FloatArray,
+    pose: FloatArray,
 ) -> bool:
     """Whether joint positions of the box on the branch of this sign reach a pose."""
     kinematics = robot.forward_kinematics

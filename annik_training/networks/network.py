@@ -153,17 +153,16 @@ class InverseKinematicsNetwork(nn.Module):
         first, *others = network.hidden.layers
         assert isinstance(first, nn.Linear)
         unscale = network.output_scaling.half_width[:, None]
+        bias = unscale[:, 0] * network.output.bias + network.output_scaling.centre
         linear_path = None
         if network.linear_path is not None:
             path = unscale * network.linear_path.weight
-            linear_path = linear_layer(path @ scale.T, path @ shift)
+            linear_path = linear_layer(path @ scale.T, path @ shift + bias)
+            bias = torch.zeros_like(bias)
         return FusedNetwork(
             self.encoding,
             [linear_layer(first.weight @ scale.T, first.bias + first.weight @ shift), *others],
-            linear_layer(
-                unscale * network.output.weight,
-                unscale[:, 0] * network.output.bias + network.output_scaling.centre,
-            ),
+            linear_layer(unscale * network.output.weight, bias),
             linear_path,
         )
 
@@ -176,7 +175,8 @@ class FusedNetwork(nn.Module):
     """Poses ``(n, 7)`` to joint positions ``(n, dof)``: the network of a model file; float64.
 
     The terms of the encoding are the features of the file. The hidden layers are each followed by
-    tanh; the output is linear in the last of them and, by the linear path, in the terms.
+    tanh; the output is linear in the last of them and, by the linear path, in the terms. The
+    linear path then has the bias of both, so that the sum is one operator of the graph.
     """
 
     def __init__(
@@ -198,9 +198,11 @@ class FusedNetwork(nn.Module):
         activations = features
         for layer in self.hidden:
             activations = torch.tanh(layer(activations))
-        joint_positions: Tensor = self.output(activations)
-        if self.linear_path is not None:
-            joint_positions = joint_positions + self.linear_path(features)
+        if self.linear_path is None:
+            joint_positions: Tensor = self.output(activations)
+        else:
+            direct = self.linear_path(features)
+            joint_positions = torch.addmm(direct, activations, self.output.weight.T)
         return joint_positions, features
 
     def as_onnx(self) -> onnx.ModelProto:

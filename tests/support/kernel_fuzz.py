@@ -178,6 +178,22 @@ CONSTRUCTORS: Mapping[str, Callable[[Draw, int, Callable[[str], Any]], tuple[Any
         draw.number(0, 1, 10),
         draw.number(0.0, 5e-7, 1e-12, 1e-3),
     ),
+    "ErrorBound": lambda draw, dof, _: (
+        draw.array(dof),
+        draw.array(dof),
+        draw.array(2, 1 + dof + dof * (dof + 1) // 2),
+    ),
+    "BoundSolve": lambda draw, dof, alive: (
+        alive("Refinement"),
+        draw.array(13),
+        draw.joints(dof),
+        draw.array(3),
+        draw.number(1.0, 3.0, np.inf),
+        *draw.box(dof),
+        draw.number(1e-3, 1.0, np.inf),
+        draw.number(1e-3, 1.0, np.inf),
+        draw.number(1e-3, 0.1),
+    ),
 }
 
 #: How each method of each class is called; all equally often.
@@ -196,6 +212,11 @@ METHODS: Mapping[str, Mapping[str, Callable[[Draw, int], tuple[Any, ...]]]] = {
             draw.poses(rows) if draw.chance(0.9) else draw.array(rows, 7),
             draw.number(1, 2, 4),
         ),
+    },
+    "ErrorBound": {"at": lambda draw, dof: (draw.joints(dof),)},
+    "BoundSolve": {
+        "prepare": lambda draw, _: (draw.pose(),),
+        "finish": lambda draw, _: (draw.pose(),),
     },
 }
 

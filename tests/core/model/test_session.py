@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from annik_core.installation import default_model_path
-from annik_core.model.artifact import load_model
+from annik_core.model.artifact import Model, load_model
 from annik_core.model.graph import OPERATORS, nodes_after
 from annik_core.pose import FloatArray, pose_from_roll_pitch_yaw
 
-MODEL = load_model(default_model_path())
+MODEL, ARM = load_model(default_model_path()), load_model("ur5e")
 _COORDINATE = st.floats(0.2, 0.9)
 
 
-def _whole(pose: FloatArray) -> FloatArray:
-    joint_positions: FloatArray = MODEL.session.run(None, {"pose": pose[np.newaxis]})[0][0]
+def _whole(pose: FloatArray, model: Model = MODEL) -> FloatArray:
+    joint_positions: FloatArray = model.session.run(None, {"pose": pose[np.newaxis]})[0][0]
     return joint_positions
 
 
@@ -51,17 +51,26 @@ def test_the_results_of_two_calls_are_two_arrays() -> None:
     assert first[0] != second[0]
 
 
-def test_the_gantrys_encoding_is_computed_in_plain_floats_and_an_arms_in_the_graph() -> None:
-    """The arm's takes four operators."""
-    assert MODEL.after_features is not None
-    assert load_model("ur5e").after_features is None
+def test_of_an_arm_too() -> None:
+    for pose in ARM.robot.forward_kinematics.poses(
+        ARM.robot.joint_box.sample(50, np.random.default_rng(5))
+    ):
+        for signed in (pose, pose * [1, 1, 1, -1, -1, -1, -1]):
+            found = ARM.joint_positions_at(signed)
+            np.testing.assert_allclose(found, _whole(signed, ARM), rtol=0, atol=1e-12)
+
+
+def test_both_encodings_are_computed_in_plain_floats() -> None:
+    for model in (MODEL, ARM):
+        assert model.after_features is not None
+    assert (MODEL.after_products, ARM.after_products) == (None, ARM.after_features)
 
 
 @pytest.mark.parametrize(
     ("name", "operators"),
     [
         ("gantry", "Gemm Tanh Gemm"),
-        ("ur5e", "Gemm Tanh Gemm Tanh Gemm Tanh Gemm Gemm Add"),
+        ("ur5e", "Gemm Tanh Gemm Tanh Gemm Gemm"),
     ],
 )
 def test_after_the_features_there_are_layers_only(name: str, operators: str) -> None:

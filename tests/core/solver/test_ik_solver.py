@@ -31,6 +31,7 @@ IN_WORKSPACE = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], [0.2, 0.3, 0.4])
 class StandInNetwork:
     """Solves poses by a given function."""
 
+    after_products = None
     robot: Robot
     answer: Callable[[FloatArray], FloatArray]
 

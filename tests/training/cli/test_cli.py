@@ -142,7 +142,7 @@ def test_help_names_every_option_of_a_fit_and_its_defaults() -> None:
         assert (option.description in text) == (option.name in FIT_NAMES)
     fits = [DEFAULTS[kind].fit.restarts for kind in ("gantry", "arm")]
     assert "Default: gantry: {}; arm: {}.".format(*fits) in text
-    assert "Default: gantry: 20; arm: 64,64,64." in text
+    assert "Default: gantry: 20; arm: 48,48." in text
 
 
 def test_design_checks_and_saves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
