@@ -9,7 +9,12 @@ import numpy as np
 
 from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray, rotation_matrix
-from annik_core.robots.corrections import ArmCorrections, JointCorrection, PoseNetwork
+from annik_core.robots.corrections import (
+    ArmCorrections,
+    JointCorrection,
+    JointNetworks,
+    PoseNetwork,
+)
 from annik_core.robots.robot import (
     ForwardKinematics,
     Linearisation,
@@ -35,25 +40,43 @@ def arm_kinematics(
     Corrections are known in one turn of the joints ``turning``, that around ``centre``, ``(dof,)``
     or one number [rad], and the same in every other.
     """
-    joint = pose = None
-    if corrections is not None:
-        chain = chain.moved(corrections.placements)
-        joint, pose = corrections.joint_networks, corrections.pose_network
-    if joint is None and pose is None:
-        turning = ()
     kernel = compiled_kernel()
     if kernel is None:
-        kinematics: ForwardKinematics = ArmKinematics(joint_names, chain)
-        if joint is not None:
-            kinematics = JointCorrectedKinematics(kinematics, joint)
-        if pose is not None:
-            kinematics = PoseCorrectedKinematics(kinematics, pose)
-        if turning:
-            kinematics = JointCorrectedKinematics(kinematics, OneTurn(centre, turning))
-        return kinematics
+        return readable_kinematics(joint_names, chain, corrections, turning, centre)
+    chain, joint, pose, turning = _applied(chain, corrections, turning)
     around = np.broadcast_to(centre, (len(chain.axes),))
     compiled = kernel.Chain(chain.placements, chain.axes, joint, pose, turning, around)
     return CompiledKinematics(joint_names, compiled)
+
+
+def readable_kinematics(
+    joint_names: tuple[str, ...],
+    chain: ScrewChain,
+    corrections: ArmCorrections | None = None,
+    turning: Sequence[int] = (),
+    centre: FloatArray | float = 0.0,
+) -> ForwardKinematics:
+    """:func:`arm_kinematics` in NumPy, whether the kernel can be used or not."""
+    chain, joint, pose, turning = _applied(chain, corrections, turning)
+    kinematics: ForwardKinematics = ArmKinematics(joint_names, chain)
+    if joint is not None:
+        kinematics = JointCorrectedKinematics(kinematics, joint)
+    if pose is not None:
+        kinematics = PoseCorrectedKinematics(kinematics, pose)
+    if turning:
+        kinematics = JointCorrectedKinematics(kinematics, OneTurn(centre, turning))
+    return kinematics
+
+
+def _applied(
+    chain: ScrewChain, corrections: ArmCorrections | None, turning: Sequence[int]
+) -> tuple[ScrewChain, JointNetworks | None, PoseNetwork | None, Sequence[int]]:
+    """The corrected chain, its networks, and the joints that are taken into one turn for them."""
+    if corrections is None:
+        return chain, None, None, ()
+    joint, pose = corrections.joint_networks, corrections.pose_network
+    moved = chain.moved(corrections.placements)
+    return moved, joint, pose, () if joint is None and pose is None else turning
 
 
 @dataclass(frozen=True, eq=False)

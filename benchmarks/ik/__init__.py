@@ -20,7 +20,9 @@ What is measured, for one arm and its joint box:
   is whether their solution is a continuous function of the pose. The largest joint step is
   compared with the largest that the line needs.
 - *Throughput*: poses per second for 1, 64 and 4096 poses. annik takes them in one call; the Python
-  packages of the others have no such call and run in a loop.
+  packages of the others have no such call and run in a loop. Then annik's by its threads.
+- *A calibrated robot*: targets of the same arm with a made-up calibration
+  (:mod:`benchmarks.ik.calibrated`). The others get the URDF of its geometric part.
 
 Settings, the same for all unless said otherwise:
 
@@ -36,7 +38,8 @@ Settings, the same for all unless said otherwise:
 
 The settings of each solver, with the reasons, are in its module in :mod:`benchmarks.ik.peers`.
 *annik, network* is the network's output with the node's checks but no limit on the residual. It
-does not reach 1e-6, and is there to show what the refinement costs.
+does not reach 1e-6, and is there to show what the refinement costs. *annik, kernel off* computes
+forward kinematics and refinement in NumPy, as where the kernel was not compiled.
 
 A solver that is not installed, or can't do the robot, is skipped and named. One that raises is
 counted as failed and named. Solvers with a time limit find less on a loaded machine, so the load

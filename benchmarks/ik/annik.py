@@ -20,6 +20,8 @@ from benchmarks.ik.peers.peer import Kind, Peer
 
 NETWORK = "annik, network"
 REFINED = "annik, refined"
+NO_KERNEL = "annik, kernel off"
+AS_DESCRIBED = "annik, robot as described"
 
 
 @runtime_checkable
@@ -45,25 +47,30 @@ class _Annik(Peer):
         return self._solver.solve(pose).joint_positions
 
     def solve_batch(self, poses: FloatArray) -> object:
-        """See :class:`BatchSolver`."""
-        return self._solver.solve_batch(poses)
+        """See :class:`BatchSolver`; on one thread, as the others are called."""
+        return self._solver.solve_batch(poses, threads=1)
+
+
+def refined(artifact: Model, name: str = REFINED) -> Peer:
+    """annik, refined, under a name."""
+    solver = IkSolver(artifact, mode=SolverMode.REFINED)
+    options = solver.refinement_options
+    return _Annik(
+        name,
+        solver,
+        f"tolerance {options.tolerance:g}, up to {options.max_newton_steps} steps from the "
+        "network's output, no random restarts, limits = box",
+    )
 
 
 def our_solvers(artifact: Model) -> list[Peer]:
     """Network and refined, both with the network of one model file."""
     open_limits = AcceptanceLimits(math.inf, math.inf)
-    refined = IkSolver(artifact, mode=SolverMode.REFINED)
-    options = refined.refinement_options
     return [
         _Annik(
             NETWORK,
             IkSolver(artifact, open_limits, SolverMode.NETWORK),
             "the network's output as it is, no limit on the residual",
         ),
-        _Annik(
-            REFINED,
-            refined,
-            f"tolerance {options.tolerance:g}, up to {options.max_newton_steps} steps from the "
-            "network's output, no random restarts, limits = box",
-        ),
+        refined(artifact),
     ]

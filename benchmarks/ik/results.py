@@ -103,6 +103,8 @@ class BenchResults:
         paths: likewise; empty if the robot has no such paths.
         lines_tried: to find the paths.
         throughput: poses per second by name and size of batch.
+        threads: poses per second of the largest batch by annik's threads.
+        calibrated: on targets of a calibrated robot, by the solvers' names.
         conditions: what it ran on.
     """
 
@@ -116,7 +118,16 @@ class BenchResults:
     paths: Mapping[str, PathResult]
     lines_tried: int
     throughput: Mapping[str, Mapping[int, float]]
+    threads: Mapping[int, float]
+    calibrated: Mapping[str, TargetResult]
     conditions: Conditions
+
+    @property
+    def all_solvers(self) -> list[SolverEntry]:
+        """Those of :attr:`calibrated` too."""
+        known = {solver.name: solver for solver in self.solvers}
+        ours = SolverEntry("", "", "ours", "")
+        return [known.get(name, replace(ours, name=name)) for name in {**known, **self.calibrated}]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, in which some names say more."""
@@ -127,6 +138,7 @@ class BenchResults:
             "skipped": [{"name": name, "reason": reason} for name, reason in self.skipped],
             "targets": {name: found.to_dict() for name, found in self.targets.items()},
             "alone": {name: found.to_dict() for name, found in self.alone.items()},
+            "calibrated": {name: found.to_dict() for name, found in self.calibrated.items()},
             "poses_per_second": rates,
         }
 

@@ -9,8 +9,14 @@ import numpy as np
 from annik_core.model.artifact import Model
 from benchmarks.conditions import Conditions, load
 from benchmarks.ik import throughput
-from benchmarks.ik.annik import our_solvers
-from benchmarks.ik.measure import measure_targets
+from benchmarks.ik.annik import AS_DESCRIBED, NO_KERNEL, our_solvers, refined
+from benchmarks.ik.calibrated import (
+    calibrated,
+    calibrated_verifier,
+    geometric_problem,
+    without_kernel,
+)
+from benchmarks.ik.measure import TargetResult, measure_targets
 from benchmarks.ik.measure_alone import measure_alone
 from benchmarks.ik.measure_paths import measure_paths
 from benchmarks.ik.peers.library import available_peers
@@ -43,11 +49,11 @@ def run_bench(artifact: Model, settings: BenchSettings, on_progress: OnProgress)
     problem = robot_problem(robot)
     verifier = Verifier(problem)
     peers, skipped = available_peers(problem)
-    solvers = [*our_solvers(artifact), *peers]
+    solvers = [*our_solvers(artifact), refined(without_kernel(artifact), NO_KERNEL), *peers]
     # A stream for each part: the targets do not depend on the number of paths.
-    for_targets, for_warm_up, for_paths, for_batches = (
+    for_targets, for_warm_up, for_paths, for_batches, for_calibrated = (
         np.random.default_rng(entropy)
-        for entropy in np.random.SeedSequence(settings.seed).spawn(4)
+        for entropy in np.random.SeedSequence(settings.seed).spawn(5)
     )
     paths, tried = straight_paths(
         robot,
@@ -80,9 +86,10 @@ def run_bench(artifact: Model, settings: BenchSettings, on_progress: OnProgress)
         else {}
     )
     turns = throughput.turns(len(solvers), len(throughput.SIZES))
+    batch = random_targets(robot, max(throughput.SIZES), for_batches)
     rates = throughput.measure_throughput(
         solvers,
-        random_targets(robot, max(throughput.SIZES), for_batches),
+        batch,
         throughput.SIZES,
         throughput.SECONDS,
         lambda done: on_progress("throughput", done, turns),
@@ -98,5 +105,24 @@ def run_bench(artifact: Model, settings: BenchSettings, on_progress: OnProgress)
         paths=on_paths,
         lines_tried=tried,
         throughput=rates,
+        threads=throughput.measure_threads(artifact, batch),
+        calibrated=_on_calibrated(artifact, settings, for_calibrated, on_progress),
         conditions=Conditions.now(_LIBRARIES, load_before),
+    )
+
+
+def _on_calibrated(
+    artifact: Model, settings: BenchSettings, rng: np.random.Generator, on_progress: OnProgress
+) -> dict[str, TargetResult]:
+    """The targets of a calibrated robot; the others have what a URDF can say of it."""
+    model = calibrated(artifact, rng)
+    peers, _ = available_peers(geometric_problem(model.robot))
+    slow = refined(without_kernel(model), NO_KERNEL)
+    return measure_targets(
+        [refined(artifact, AS_DESCRIBED), refined(model), slow, *peers],
+        random_targets(model.robot, settings.targets, rng),
+        random_targets(model.robot, WARM_UP, rng),
+        calibrated_verifier(model.robot),
+        settings.rounds,
+        lambda done: on_progress("calibrated robot", done, settings.rounds * settings.targets),
     )

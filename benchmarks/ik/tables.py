@@ -66,7 +66,7 @@ class _Column(Generic[Found]):
 
 
 def bench_tables(results: BenchResults) -> list[BenchTable]:
-    """Targets, times alone, paths (where there are some) and throughput."""
+    """Targets, times alone, paths (where there are some), throughput, and a calibrated robot."""
     tables = [
         _table("Targets", results, results.targets, _TARGETS),
         _table("Each solver alone", results, results.alone, _ALONE),
@@ -84,7 +84,14 @@ def bench_tables(results: BenchResults) -> list[BenchTable]:
         for size in sizes
     ]
     tables.append(_table("Throughput", results, results.throughput, throughput))
-    return tables
+    one = results.threads[1]
+    rows = [
+        [Cell(f"{threads}"), Cell(f"{float(f'{rate:.2g}'):.0f}"), Cell(f"{rate / one:.2f}")]
+        for threads, rate in results.threads.items()
+    ]
+    columns = ("threads", f"{max(sizes)} poses [1/s]", "as one thread")
+    tables.append(BenchTable("Batches of annik, refined, by threads", columns, rows))
+    return [*tables, _table("A calibrated robot", results, results.calibrated, _TARGETS)]
 
 
 def _table(
@@ -93,20 +100,19 @@ def _table(
     found: Mapping[str, Found],
     columns: Sequence[_Column[Found]],
 ) -> BenchTable:
+    solvers = [solver for solver in results.all_solvers if solver.name in found]
     comparable = {
         solver.name
         for solver in results.solvers
         if results.targets[solver.name].success >= COMPARABLE
     }
-    rows = [[Cell(solver.name), Cell(solver.kind)] for solver in results.solvers]
+    rows = [[Cell(solver.name), Cell(solver.kind)] for solver in solvers]
     for column in columns:
         shown = {name: column.text(column.value(found[name])) for name in found}
-        competing = [
-            solver for solver in results.solvers if column.of_all or solver.name in comparable
-        ]
+        competing = [solver for solver in solvers if column.of_all or solver.name in comparable]
         numerical = [solver for solver in competing if solver.kind != "closed form"]
         best = _best(column, found, shown, competing) | _best(column, found, shown, numerical)
-        for row, solver in zip(rows, results.solvers, strict=True):
+        for row, solver in zip(rows, solvers, strict=True):
             row.append(Cell(shown[solver.name], solver.name in best))
     return BenchTable(title, ("solver", "kind", *(column.heading for column in columns)), rows)
 

@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from annik_core.model.artifact import Model
 from annik_core.pose import FloatArray
+from annik_core.solver.ik_solver import IkSolver, SolverMode, usable_cores
 from benchmarks.ik.annik import BatchSolver
 from benchmarks.ik.peers.peer import Peer
 from benchmarks.ik.query import no_garbage_collection
@@ -20,6 +22,7 @@ from benchmarks.ik.query import no_garbage_collection
 SIZES = (1, 64, 4096)
 #: Rounds over all solvers; the median counts.
 _ROUNDS = 3
+_THREAD_ROUNDS = 15
 #: Duration of a turn [s]: batches are repeated, a loop may end within one.
 SECONDS = 0.2
 
@@ -58,6 +61,22 @@ def measure_throughput(
         name: {size: float(np.median(values)) for size, values in of_solver.items()}
         for name, of_solver in rates.items()
     }
+
+
+def measure_threads(model: Model, poses: FloatArray) -> dict[int, float]:
+    """Poses per second that annik solves in one call, refined, by the number of threads.
+
+    From one to as many as there are processor cores for this process; the median of some rounds.
+    """
+    solver, rates = IkSolver(model, mode=SolverMode.REFINED), dict[int, list[float]]()
+    for _ in range(_THREAD_ROUNDS):
+        for threads in range(1, usable_cores() + 1):
+            with no_garbage_collection():
+                begin = time.perf_counter()
+                solver.solve_batch(poses, threads)
+                rate = len(poses) / (time.perf_counter() - begin)
+                rates.setdefault(threads, []).append(rate)
+    return {threads: float(np.median(found)) for threads, found in rates.items()}
 
 
 def turns(solvers: int, sizes: int) -> int:

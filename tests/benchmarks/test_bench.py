@@ -22,7 +22,7 @@ from annik_training.fitting.fit import fit
 from annik_training.fitting.options import FitOptions
 from benchmarks.conditions import Conditions
 from benchmarks.ik import throughput
-from benchmarks.ik.annik import NETWORK, REFINED, our_solvers
+from benchmarks.ik.annik import AS_DESCRIBED, NETWORK, NO_KERNEL, REFINED, our_solvers
 from benchmarks.ik.command import NoModelForBench, ik
 from benchmarks.ik.measure import TargetResult, measure_targets
 from benchmarks.ik.measure_alone import AloneResult, measure_alone
@@ -423,6 +423,8 @@ def results(**targets: TargetResult) -> BenchResults:
         paths={name: PathResult(5, 5, 0, 0.1, 1.0) for name in targets},
         lines_tried=9,
         throughput={name: {1: 1000.0, 64: 2000.0} for name in targets},
+        threads={1: 1000.0, 2: 1800.0},
+        calibrated={name: target_result() for name in (AS_DESCRIBED, REFINED, *targets)},
         conditions=Conditions("a processor", 2, "3.12", {"numpy": "2"}, 0.5, 1.5),
     )
 
@@ -517,7 +519,10 @@ def test_command_writes_page_and_data(model, tmp_path, monkeypatch) -> None:
         assert "- Other: not installed" in page
         assert "./run bench ik --model ur5e.onnx --targets 5 --paths 2 --points 5" in page
         data = json.loads((folder / "ik_bench.json").read_text(encoding="utf-8"))
-        assert set(data["targets"]) == {NETWORK, REFINED, "Steady"}
+        assert set(data["targets"]) == {NETWORK, REFINED, NO_KERNEL, "Steady"}
+        assert set(data["calibrated"]) == {AS_DESCRIBED, REFINED, NO_KERNEL, "Steady"}
+        assert data["calibrated"][REFINED]["success"] == 1.0
+        assert data["threads"]["1"] > 0
         assert data["settings"]["seed"] == 2026
         assert data["model"]["examples"] == 64
         assert data["skipped"] == [{"name": "Other", "reason": "not installed"}]

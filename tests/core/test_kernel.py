@@ -15,6 +15,7 @@ from annik_core.robots.arm_kinematics import (
     ArmKinematics,
     CompiledKinematics,
     arm_kinematics,
+    readable_kinematics,
 )
 from annik_core.robots.corrections import (
     ArmCorrections,
@@ -77,7 +78,7 @@ def drawn_corrections(rng: np.random.Generator, dof: int) -> ArmCorrections:
 class Both:
     """A drawn chain with its corrections, compiled and in NumPy."""
 
-    def __init__(self, seed: int, monkeypatch: pytest.MonkeyPatch, corrected: bool) -> None:
+    def __init__(self, seed: int, corrected: bool) -> None:
         self.rng = np.random.default_rng(seed)
         chain = drawn_chain(self.rng)
         self.dof = len(chain.axes)
@@ -86,9 +87,7 @@ class Both:
         turning = [int(np.flatnonzero(chain.axes[:, 3:].any(axis=1))[0])] if corrected else []
         arguments = (self.names, chain, corrections, turning, self.rng.normal(size=self.dof))
         self.compiled = arm_kinematics(*arguments)
-        with monkeypatch.context() as patch:
-            patch.setattr("annik_core.robots.arm_kinematics.compiled_kernel", lambda: None)
-            self.readable = arm_kinematics(*arguments)
+        self.readable = readable_kinematics(*arguments)
         assert isinstance(self.compiled, CompiledKinematics)
         lower = self.rng.uniform(-3.0, 0.0, self.dof)
         upper = lower + self.rng.uniform(0.1, 3.0, self.dof)
@@ -146,11 +145,11 @@ def check_same_refinement(
 
 
 @pytest.mark.parametrize("corrected", [False, True], ids=["nominal", "corrected"])
-def test_drawn_chains(corrected: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drawn_chains(corrected: bool) -> None:
     """Positions, derivatives, and where refinements end, from starts near and far."""
     converged = 0
     for seed in range(CHAINS // 2):
-        both = Both(seed, monkeypatch, corrected)
+        both = Both(seed, corrected)
         check_same_kinematics(both.compiled, both.readable, 2.0 * both.drawn(3))
         goals = both.drawn(2)
         targets = both.readable.poses(goals)
@@ -167,14 +166,14 @@ def arm(request: pytest.FixtureRequest) -> Iterator[Any]:
     yield load_robot(request.param)
 
 
-def readable_kinematics(robot: Any) -> ArmKinematics:
+def readable_arm(robot: Any) -> ArmKinematics:
     return ArmKinematics(robot.joint_names, ScrewChain.from_urdf(robot.definition["urdf"]))
 
 
 def test_packaged_arms(arm: Any) -> None:
     """Inside the box, at its corners, where axes are aligned, and half a turn from the target."""
     rng = np.random.default_rng(2)
-    readable, box = readable_kinematics(arm), arm.joint_box
+    readable, box = readable_arm(arm), arm.joint_box
     inside = rng.uniform(box.lower, box.upper, (20, arm.dof))
     corners = np.where(rng.random((4, arm.dof)) < 0.5, box.lower, box.upper)
     zero = np.clip(np.zeros((1, arm.dof)), box.lower, box.upper)
@@ -237,7 +236,7 @@ def test_an_arm_of_one_joint(kind: str) -> None:
         '<joint name="t" type="fixed"><parent link="b"/><child link="tool"/>'
         '<origin xyz="0 0 0.3"/></joint></robot>'
     )
-    readable, goals = readable_kinematics(robot), np.array([[0.3], [-0.2]])
+    readable, goals = readable_arm(robot), np.array([[0.3], [-0.2]])
     check_same_kinematics(robot.forward_kinematics, readable, goals)
     arguments = (robot.search_box, goals[::-1], readable.poses(goals))
     assert check_same_refinement(robot.forward_kinematics, readable, *arguments) == 2
@@ -321,7 +320,6 @@ class TestBadInput:
             with pytest.raises((AttributeError, TypeError, ValueError)):
                 kernel.Chain(*whole, joint_networks, None, wrapped, centre)
 
-<<<<<<< HEAD
     def test_objects_whose_constructor_was_not_called(self) -> None:
         kernel = compiled_kernel()
         chain = kernel.Chain.__new__(kernel.Chain)
@@ -331,7 +329,7 @@ class TestBadInput:
             kernel.Refinement(chain, np.zeros(0), np.ones(0), 10, 1e-6)
         with pytest.raises(TypeError):
             kernel.Refinement.__new__(kernel.Refinement).refine(np.zeros(0), self.target)
-=======
+
     def test_error_bounds_that_are_none(self) -> None:
         kernel = compiled_kernel()
         for arguments in (
@@ -370,7 +368,6 @@ class TestBadInput:
             assert np.array_equal(bound.prepare(same), self.target)
         memory[1][:] = np.nan
         assert bound.finish(self.target) is None
->>>>>>> c68aa03 (Arms in 10 us: one target in two calls of the kernel around the network, batches checked all rows at once on threads, networks of 48-48; the packaged arms are trained anew)
 
     def test_threads_share_it(self) -> None:
         refinement, rng = self.refinement(), np.random.default_rng(6)
