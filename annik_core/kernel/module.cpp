@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <atomic>
+#include <cstdint>
 #include <cstdlib>
 #include <new>
 #include <stdexcept>
@@ -381,6 +382,9 @@ class PyBoundSolve : public Object {
     upper_ = joints_from(upper.data(), dof_);
     features_ = input_.mutable_data();
     found_ = output_.data();
+    for (const void* memory : {static_cast<const void*>(features_), static_cast<const void*>(found_)})
+      if (reinterpret_cast<std::uintptr_t>(memory) % alignof(double))
+        throw std::invalid_argument("memory must be aligned");
   }
 
   // The checked pose, its features written to the network's input; None if it may be refused.

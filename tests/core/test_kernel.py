@@ -351,7 +351,8 @@ class TestBadInput:
             (np.zeros(13), np.zeros(box.lower.size + 1)),
             (np.zeros(13, np.float32), np.zeros(box.lower.size)),
             (np.zeros(26)[::2], np.zeros(box.lower.size)),
-            (np.frombuffer(bytes(13 * 8)), np.zeros(box.lower.size)),
+            (np.frombuffer(bytes(13 * 8)), np.zeros(box.lower.size)),  # read-only
+            (np.zeros(13 * 8 + 1, np.uint8)[1:].view("f8"), np.zeros(box.lower.size)),
         ):
             with pytest.raises((TypeError, ValueError)):
                 compiled_kernel().BoundSolve(refinement, input_row, output_row, *rest)
