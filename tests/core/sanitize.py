@@ -7,6 +7,7 @@ it watches, with a report, and this with exit code 1. The build is in build/sani
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import re
 import subprocess
@@ -66,8 +67,10 @@ def run(tree: Path, environment: Mapping[str, str], *command: str) -> str:
     return result.stdout
 
 
-def page(tests: str, counts: str, seed: int) -> str:
-    """The page of the results."""
+def page(tree: Path, tests: str, counts: str, seed: int) -> str:
+    """The page of the results, with the checksum of the sources that they are of."""
+    sources = sorted((tree / "annik_core" / "kernel").glob("*.?pp"))
+    checksum = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
     rows = [tuple(line.split()) for line in counts.splitlines()]
     total = sum(int(returned) + int(refused) for _, returned, refused in rows)
     table = markdown_table(
@@ -77,9 +80,10 @@ def page(tests: str, counts: str, seed: int) -> str:
     )
     return (
         "<!-- Written by ./run sanitize. -->\n"
-        f"The kernel, built with `-fsanitize={SANITIZERS}`: its {tests} tests pass, and {total:,} "
-        f"calls with right, wrong and strange arguments (seed {seed}) return or raise. The "
-        f"sanitizers find nothing.\n\n{table}\n\n{Conditions.now(('numpy', 'pybind11'))}\n"
+        f"The kernel (SHA-256 of its sources {checksum[:12]}), built with "
+        f"`-fsanitize={SANITIZERS}`: its {tests} tests pass, and {total:,} calls with right, "
+        f"wrong and strange arguments (seed {seed}) return or raise. The sanitizers find "
+        f"nothing.\n\n{table}\n\n{Conditions.now(('numpy', 'pybind11'))}\n"
     )
 
 
@@ -101,7 +105,7 @@ def main() -> None:
         *("--calls", str(options.calls), "--seed", str(options.seed)),
     )
     if (options.calls, options.seed) == (CALLS, 0):
-        PAGE.write_text(page(passed[1], counts, options.seed), encoding="utf-8")
+        PAGE.write_text(page(tree, passed[1], counts, options.seed), encoding="utf-8")
         print(f"wrote {PAGE.relative_to(ROOT)}")
 
 
