@@ -212,8 +212,8 @@ class IkSolver:
                 continue
             usable[row], targets[row], resolved[row] = True, *checked
             shown[row] = resolved[row].pose
-        rows = np.flatnonzero(usable).tolist()
-        if not rows:
+        rows = np.flatnonzero(usable)
+        if not len(rows):
             return results
         goals, solutions = targets[rows], self._network(shown[rows], threads)
         refined: RefinementResults | None = None
@@ -221,7 +221,9 @@ class IkSolver:
         if self.refines:
             refined = self._refinement.refine_batch(solutions, goals, threads)
             accepted = self._accepted(goals, solutions, refined)
-        for index, row in enumerate(rows):
+            if len(rows) == len(targets) and not resolved and None not in accepted:
+                return accepted  # type: ignore[return-value]
+        for index, row in enumerate(rows.tolist()):
             if row not in resolved and accepted[index] is not None:
                 results[row] = accepted[index]
                 continue
