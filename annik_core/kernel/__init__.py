@@ -10,7 +10,7 @@ from typing import Any
 
 #: What that means, and what to do.
 NO_KERNEL = (
-    "arms are solved without the compiled kernel, about ten times slower",
+    "arms are solved without the compiled kernel, some thirty times slower",
     "install a C++ compiler (sudo apt install g++ python3-dev pybind11-dev), then annik again; or "
     "unset ANNIK_KERNEL",
 )
