@@ -339,10 +339,12 @@ class Soak:
             publisher.publish(pose_from_array(self._new_target()))
             self._client.take_messages(0.01)
         self._client.node.destroy_publisher(publisher)
+        # Until then the node may lose targets of a burst, as it has said.
+        node = self._processes["ik_node"]
+        times = node.log.count("best-effort delivery")
+        node.wait_for_text("received reliably again", count=times)
         self._find_each_other()
         self.check()
-        # From then on the node may lose targets of a burst, as it has said. Begin with a new one.
-        self._kill_the_ik_node()
 
     def _publish_broken_joint_states(self) -> None:
         for _ in range(100):
