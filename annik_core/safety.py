@@ -37,6 +37,7 @@ class IkStatus(Enum):
     NOT_UNIT_QUATERNION = "not a unit quaternion"
     OUTSIDE_WORKSPACE = "outside workspace"
     NOT_CONVERGED = "not converged"
+    BRANCH_ENDS = "branch ends"
     JOINT_LIMIT = "joint limit"
     RESIDUAL_TOO_LARGE = "residual too large"
     EXPECTED_ERROR_TOO_LARGE = "expected error too large"
@@ -202,6 +203,8 @@ class Candidate:
         joint_positions: ``(dof,)`` [rad or m], exactly the array that is returned.
         known_residuals: the residuals, as far as computed; see :meth:`residuals`.
         converged: False if the refinement ended short of the target.
+        not_found: why there is no solution, in place of what is left after the refinement.
+        branch_end: why the solution is not on the branch of the previous command; empty if it is.
     """
 
     robot: Robot
@@ -210,6 +213,8 @@ class Candidate:
     known_residuals: tuple[float, float] = UNKNOWN
     newton_steps: int = 0
     converged: bool = True
+    not_found: str = ""
+    branch_end: str = ""
     _expected_errors: tuple[float, float] | None = field(default=None, init=False)
 
     def residuals(self) -> tuple[float, float]:
@@ -323,12 +328,21 @@ def check_convergence(candidate: Candidate, context: CommandContext) -> Refusal 
     """The refinement must have reached the target."""
     if candidate.converged:
         return None
-    position, orientation = candidate.residuals()
-    return Refusal(
-        IkStatus.NOT_CONVERGED,
-        f"{1e3 * position:.4g} mm and {math.degrees(orientation):.4g} degrees are left after "
-        f"{candidate.newton_steps} steps: no solution in the joint box was found",
-    )
+    reason = candidate.not_found
+    if not reason:
+        position, orientation = candidate.residuals()
+        reason = (
+            f"{1e3 * position:.4g} mm and {math.degrees(orientation):.4g} degrees are left after "
+            f"{candidate.newton_steps} steps: no solution in the joint box was found"
+        )
+    return Refusal(IkStatus.NOT_CONVERGED, reason)
+
+
+def check_branch(candidate: Candidate, context: CommandContext) -> Refusal | None:
+    """The solution must be on the branch of the previous command, unless that may change."""
+    if not candidate.branch_end:
+        return None
+    return Refusal(IkStatus.BRANCH_ENDS, candidate.branch_end)
 
 
 def check_joint_limits(candidate: Candidate, context: CommandContext) -> Refusal | None:
@@ -476,6 +490,7 @@ Check = Callable[[Candidate, CommandContext], Refusal | None]
 #: The checks of a solution by itself, and those of the motion to it.
 _OWN_CHECKS: tuple[Check, ...] = (
     check_convergence,
+    check_branch,
     check_joint_limits,
     check_residuals,
     check_expected_errors,

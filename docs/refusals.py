@@ -20,7 +20,13 @@ REFUSALS = {
         f"the quaternion's norm is not 1 within {QUATERNION_NORM_TOLERANCE:g}"
     ),
     IkStatus.OUTSIDE_WORKSPACE: "the robot can't reach the pose",
-    IkStatus.NOT_CONVERGED: "refined mode found no joint positions in the joint box",
+    IkStatus.NOT_CONVERGED: (
+        "no joint positions were found: in the joint box, or, of a whole robot, within the limits"
+    ),
+    IkStatus.BRANCH_ENDS: (
+        "of a whole robot: the branch of the previous command ends before the target, and "
+        "allow_branch_change is false"
+    ),
     IkStatus.JOINT_LIMIT: "the network's solution is outside the joint limits",
     IkStatus.RESIDUAL_TOO_LARGE: (
         "the solution is further from the target than max_position_residual or "

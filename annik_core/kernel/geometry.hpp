@@ -122,4 +122,18 @@ inline Twist logarithm(const Placement& placement) {
   return {linear[0], linear[1], linear[2], angular[0], angular[1], angular[2]};
 }
 
+// The exponential of SE(3): the inverse of the logarithm, of a part of a twist.
+inline Placement exponential(const Twist& twist, double part) {
+  const Vector3 angular = part * Vector3{twist[3], twist[4], twist[5]};
+  const Vector3 linear = part * Vector3{twist[0], twist[1], twist[2]};
+  const double angle = norm(angular);
+  const double first = angle < 1e-3 ? 0.5 - angle * angle / 24.0
+                                    : (1.0 - std::cos(angle)) / (angle * angle);
+  const double second = angle < 1e-3 ? 1.0 / 6.0 - angle * angle / 120.0
+                                     : (angle - std::sin(angle)) / (angle * angle * angle);
+  const Vector3 turned = cross(angular, linear);
+  return {rotation_about(angular),
+          linear + first * turned + second * cross(angular, turned)};
+}
+
 }  // namespace annik

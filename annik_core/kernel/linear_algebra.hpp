@@ -49,6 +49,26 @@ inline bool solve_six(Jacobian a, Column b, Joints& x) {
   return true;
 }
 
+// By elimination with row exchanges.
+inline double determinant_six(Jacobian a) {
+  double determinant = 1.0;
+  for (std::size_t k = 0; k < 6; ++k) {
+    std::size_t pivot = k;
+    for (std::size_t row = k + 1; row < 6; ++row)
+      if (std::abs(a[k][row]) > std::abs(a[k][pivot])) pivot = row;
+    if (pivot != k) {
+      for (std::size_t column = k; column < 6; ++column) std::swap(a[column][k], a[column][pivot]);
+      determinant = -determinant;
+    }
+    determinant *= a[k][k];
+    if (!(std::abs(determinant) > 0.0)) return 0.0;
+    for (std::size_t row = k + 1; row < 6; ++row)
+      for (std::size_t column = k + 1; column < 6; ++column)
+        a[column][row] -= a[k][row] / a[k][k] * a[column][k];
+  }
+  return determinant;
+}
+
 // The x of least |A x - b|^2 + damping |x|^2, A of n columns: Cholesky's factors of the normal
 // equations. False if they are not positive definite.
 inline bool damped_least_squares(const Jacobian& a, const Column& b, std::size_t n, double damping,

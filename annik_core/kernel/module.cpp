@@ -13,7 +13,7 @@
 #include <system_error>
 #include <thread>
 
-#include "refinement.hpp"
+#include "search.hpp"
 
 namespace py = pybind11;
 
@@ -445,6 +445,92 @@ class PyBoundSolve : public Object {
   Joints lower_, upper_;
 };
 
+class PySearch : public Object {
+ public:
+  PySearch(const PyRefinement& refinement, std::size_t examples, double length)
+      : dof_(static_cast<py::ssize_t>(refinement.refinement().chain.size())),
+        search_(checked(refinement.refinement(), examples, length), examples, length) {}
+
+  py::tuple first(const Array& target, const Array& starts, std::size_t most) const {
+    constructed(dof_);
+    check_shape(target, {7}, "target");
+    const std::vector<Joints> begin = rows(starts);
+    std::size_t taken = 0;
+    const Solution found = search_.first(placement_of(target.data()), begin, most, taken);
+    return py::make_tuple(array_from(found.joint_positions), found.position_residual,
+                          found.orientation_residual, taken, found.allowed);
+  }
+
+  py::tuple all(const Array& target, const Array& starts, std::size_t most, double spacing) const {
+    constructed(dof_);
+    check_shape(target, {7}, "target");
+    const std::vector<Joints> begin = rows(starts);
+    const Placement goal = placement_of(target.data());
+    std::size_t taken = 0;
+    std::vector<Solution> found;
+    {
+      py::gil_scoped_release release;
+      found = search_.all(goal, begin, most, spacing, taken);
+    }
+    const auto count = static_cast<py::ssize_t>(found.size());
+    Array positions({count, dof_}), distances(count), angles(count);
+    for (py::ssize_t i = 0; i < count; ++i) {
+      std::copy_n(found[i].joint_positions.begin(), dof_, positions.mutable_data() + i * dof_);
+      distances.mutable_data()[i] = found[i].position_residual;
+      angles.mutable_data()[i] = found[i].orientation_residual;
+    }
+    return py::make_tuple(positions, distances, angles, taken);
+  }
+
+  py::tuple follow(const Array& previous, const Array& target) const {
+    constructed(dof_);
+    check_shape(previous, {dof_}, "previous");
+    check_shape(target, {7}, "target");
+    const Followed found =
+        search_.follow(joints_from(previous.data(), dof_), placement_of(target.data()));
+    return py::make_tuple(array_from(found.joint_positions), found.position_residual,
+                          found.orientation_residual, found.newton_steps, found.arrived);
+  }
+
+  bool same_branch(const Array& first, const Array& second) const {
+    constructed(dof_);
+    check_shape(first, {dof_}, "first");
+    check_shape(second, {dof_}, "second");
+    return search_.same_branch(joints_from(first.data(), dof_),
+                               joints_from(second.data(), dof_));
+  }
+
+ private:
+  static const Refinement& checked(const Refinement& refinement, std::size_t examples,
+                                   double length) {
+    if (refinement.free.empty()) throw std::invalid_argument("no joint moves");
+    for (std::size_t joint = 0; joint < refinement.chain.size(); ++joint)
+      if (!std::isfinite(refinement.lower[joint]) || !std::isfinite(refinement.upper[joint]))
+        throw std::invalid_argument("the limits must be finite");
+    if (examples > 1'000'000) throw std::invalid_argument("examples must be at most a million");
+    if (!(length > 0.0)) throw std::invalid_argument("length must be positive");
+    return refinement;
+  }
+
+  Array array_from(const Joints& joints) const {
+    Array result(dof_);
+    std::copy_n(joints.begin(), dof_, result.mutable_data());
+    return result;
+  }
+
+  std::vector<Joints> rows(const Array& array) const {
+    const py::ssize_t count = array.ndim() ? array.shape(0) : 0;
+    check_shape(array, {count, dof_}, "starts");
+    std::vector<Joints> result;
+    for (py::ssize_t row = 0; row < count; ++row)
+      result.push_back(joints_from(array.data() + row * dof_, dof_));
+    return result;
+  }
+
+  py::ssize_t dof_;
+  Search search_;
+};
+
 }  // namespace annik
 
 PYBIND11_MODULE(compiled, module) {
@@ -471,4 +557,10 @@ PYBIND11_MODULE(compiled, module) {
            py::arg(), py::arg(), py::arg(), py::arg(), py::arg())
       .def("prepare", &PyBoundSolve::prepare)
       .def("finish", &PyBoundSolve::finish);
+  py::class_<PySearch>(module, "Search")
+      .def(py::init<const PyRefinement&, std::size_t, double>())
+      .def("first", &PySearch::first)
+      .def("all", &PySearch::all)
+      .def("follow", &PySearch::follow)
+      .def("same_branch", &PySearch::same_branch);
 }

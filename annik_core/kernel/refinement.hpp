@@ -37,7 +37,7 @@ class Refinement {
     return beyond_singularities(begin, target, found);
   }
 
- private:
+ public:
   static constexpr double DAMPING = 0.01, LEAST_DAMPING = 1e-12, NEAR = 0.01, SHORT = 0.04;
   static constexpr double STUCK = 0.5;
   static constexpr int PATIENCE = 3;
@@ -168,6 +168,24 @@ class Refinement {
 
   // Joint positions beyond the nearest singularity; the same if there is none.
   Joints reflected(const Joints& positions, const Placement& target) const {
+    const Direction away = from_singularity(positions, target);
+    return moved(positions, away, std::min(FARTHEST, DISTANCES * away.distance));
+  }
+
+  // Where the nearest singularity is: a unit vector of the free joints, and how far along it.
+  struct Direction {
+    Joints unit{};
+    double distance = 0.0;
+  };
+
+  Joints moved(Joints positions, const Direction& direction, double length) const {
+    for (std::size_t i = 0; i < free.size(); ++i)
+      positions[free[i]] += length * direction.unit[i];
+    return positions;
+  }
+
+  // Distance 0 if there is none.
+  Direction from_singularity(const Joints& positions, const Placement& target) const {
     const auto columns_at = [&](const Joints& at) {
       Linearisation linear;
       chain.linearise(at, target, linear);
@@ -176,19 +194,18 @@ class Refinement {
       return columns;
     };
     const LeastSingularValue least = least_singular_value(columns_at(positions), free.size());
-    const auto shifted = [&](double length) {
-      Joints result = positions;
-      for (std::size_t i = 0; i < free.size(); ++i) result[free[i]] += length * least.right[i];
-      return result;
-    };
-    const Jacobian ahead = columns_at(shifted(STEP)), behind = columns_at(shifted(-STEP));
+    Direction along{least.right, 0.0};
+    const Jacobian ahead = columns_at(moved(positions, along, STEP));
+    const Jacobian behind = columns_at(moved(positions, along, -STEP));
     double derivative = 0.0;
     for (std::size_t i = 0; i < free.size(); ++i)
       derivative += (dot(ahead[i], least.left) - dot(behind[i], least.left)) * least.right[i];
     derivative /= 2.0 * STEP;
-    if (std::abs(derivative) < LEAST_DERIVATIVE) return positions;
-    const double distance = -DISTANCES * least.value / derivative;
-    return shifted(std::max(-FARTHEST, std::min(FARTHEST, distance)));
+    if (std::abs(derivative) < LEAST_DERIVATIVE) return along;
+    if (derivative > 0.0)
+      for (double& part : along.unit) part = -part;
+    along.distance = least.value / std::abs(derivative);
+    return along;
   }
 };
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from annik_core.errors import NonFiniteValue, NotUnitQuaternion
+from annik_core.errors import InvalidValue, NonFiniteValue, NotUnitQuaternion
 from annik_core.kernel import compiled_kernel
 from annik_core.pose import CERTAIN_NORM, FloatArray, Numbers, checked_pose, normalise_rows
 from annik_core.robots.arm import ArmWorkspace
@@ -38,6 +38,8 @@ from annik_core.solver.result import (
     RefinementResult,
     RefinementResults,
 )
+from annik_core.solver.search import SearchOptions
+from annik_core.solver.whole_robot import WholeRobot
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
@@ -51,17 +53,21 @@ class SolverMode(Enum):
     """How a target is solved.
 
     ``NETWORK``: by the network alone, as in the paper. ``REFINED``: the network's solution is
-    refined on the forward kinematics inside the joint box. ``AUTO``: refined for an arm, the
-    network for the gantry, whose linear kinematics it learns exactly.
+    refined on the forward kinematics inside the joint box. ``WHOLE_ROBOT``: for an arm; as
+    refined, but anywhere within the joint limits, on the branch of the previous command. ``AUTO``:
+    refined for an arm, the network for the gantry, whose linear kinematics it learns exactly.
     """
 
     AUTO = "auto"
     NETWORK = "network"
     REFINED = "refined"
+    WHOLE_ROBOT = "whole_robot"
 
     def refines(self, robot: Robot) -> bool:
         """Whether solutions for this robot are refined."""
-        return robot.kind == "arm" if self is SolverMode.AUTO else self is SolverMode.REFINED
+        if self is SolverMode.AUTO:
+            return robot.kind == "arm"
+        return self in (SolverMode.REFINED, SolverMode.WHOLE_ROBOT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +133,13 @@ class IkSolver:
     mode: SolverMode = SolverMode.AUTO
     refinement_options: RefinementOptions = RefinementOptions()
     seed_from_previous: bool = False
+    search_options: SearchOptions = SearchOptions()
 
     def __post_init__(self) -> None:
         """Load what solving needs now, not while the first target waits."""
-        if self.refines:
+        if self.whole_robot is not None:
+            self.whole_robot.prepare()
+        elif self.refines:
             _ = self._refinement
 
     @classmethod
@@ -156,6 +165,15 @@ class IkSolver:
     def refines(self) -> bool:
         """Whether the network's solutions are refined."""
         return self.mode.refines(self.robot)
+
+    @cached_property
+    def whole_robot(self) -> WholeRobot | None:
+        """What finds solutions within the joint limits; None if they are sought in the box."""
+        if self.mode is not SolverMode.WHOLE_ROBOT:
+            return None
+        if self.robot.kind != "arm":
+            raise InvalidValue("mode", self.mode.value, "another: only an arm is searched whole")
+        return WholeRobot(self.robot, self.refinement_options, self.search_options)
 
     def solve(
         self,
@@ -187,8 +205,53 @@ class IkSolver:
         target = self._checked(pose, reference)
         if isinstance(target, Refusal):
             return IkResult.refused(target)
+        if self.whole_robot is not None:
+            return self._checked_result(
+                self._anywhere(target[0], context.previous), target[1], context
+            )
         solution = self.artifact.joint_positions_at(target[1].pose)
         return self._result(*target, solution, context)
+
+    def solutions(
+        self, pose: ArrayLike, near: ArrayLike | None = None, *, turns: bool = False
+    ) -> list[IkResult]:
+        """All joint positions that reach one pose, nearest first; empty if there is none.
+
+        Within the joint limits of a whole robot, otherwise the one solution in the joint box. Each
+        is checked as :meth:`solve` does without a previous one. Of an arm with more than six
+        joints, which has infinitely many, they are ``search_options.spacing`` apart.
+
+        Args:
+            pose: as in :meth:`solve`.
+            near: joint positions ``(dof,)`` [rad or m] to which near is nearest, by the joint that
+                moves most; by default the middle of the joint limits.
+            turns: list every solution in all full turns that the limits allow, not only in the
+                nearest one.
+        """
+        near = self.robot.joint_limits.centre if near is None else np.asarray(near, np.float64)
+        check_joint_count(near[np.newaxis], self.robot.joint_names)
+        target = self._checked(pose, self.robot.workspace.reference(near))
+        if isinstance(target, Refusal):
+            return []
+        if self.whole_robot is None:
+            results = [self.solve(pose, near)]
+        else:
+            starts = self._network_starts(target[0])
+            found = self.whole_robot.every(target[0], starts, near, turns=turns)
+            results = [self._checked_result(one, target[1], self._alone) for one in found]
+        return [result for result in results if result.accepted]
+
+    def _anywhere(self, target: FloatArray, previous: FloatArray | None) -> Candidate:
+        assert self.whole_robot is not None
+        starts = self._network_starts(target)
+        if previous is None:
+            return self.whole_robot.preferred(target, starts)
+        return self.whole_robot.continued(target, starts, previous)
+
+    def _network_starts(self, target: FloatArray) -> FloatArray:
+        """The network's joint positions ``(n, dof)``, those that are finite."""
+        starts = self.artifact.joint_positions_at(target)[np.newaxis]
+        return starts[np.isfinite(starts).all(axis=1)]
 
     def solve_batch(self, poses: ArrayLike, threads: int | None = None) -> list[IkResult]:
         """Results for many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them.
@@ -199,7 +262,7 @@ class IkSolver:
         way is checked by itself, so a refusal and its reason are those of :meth:`solve`.
         """
         targets = np.array(poses, dtype=np.float64)
-        if targets.ndim != 2 or targets.shape[1] != 7:
+        if self.whole_robot is not None or targets.ndim != 2 or targets.shape[1] != 7:
             return [self.solve(pose) for pose in targets]
         threads = threads or usable_cores()
         results: list[Any] = [None] * len(targets)
@@ -243,7 +306,12 @@ class IkSolver:
             return None
         if network is None or not isinstance(robot.workspace, ArmWorkspace):
             return None
-        if robot.turning or self.seed_from_previous or limits.limits_expected_errors:
+        if (
+            self.whole_robot is not None
+            or robot.turning
+            or self.seed_from_previous
+            or limits.limits_expected_errors
+        ):
             return None
         bound = compiled_kernel().BoundSolve(
             *(self._refinement.compiled, network.input_row, network.output_row),
@@ -361,6 +429,12 @@ class IkSolver:
     ) -> IkResult:
         """The network's solution, refined if asked and not done before, checked."""
         candidate = self._candidate(target, network_solution, context.previous, refined)
+        return self._checked_result(candidate, resolved, context)
+
+    def _checked_result(
+        self, candidate: Candidate, resolved: ResolvedTarget, context: CommandContext
+    ) -> IkResult:
+        """The result for a candidate: a refusal if one of the checks refuses it."""
         for check in COMMAND_CHECKS:
             refusal = check(candidate, context)
             if refusal is not None:
@@ -372,7 +446,7 @@ class IkSolver:
             *candidate.residuals(),
             candidate.newton_steps,
             "",
-            target,
+            candidate.target,
             resolved.reference,
             *candidate.expected_errors(),
         )

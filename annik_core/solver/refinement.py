@@ -76,8 +76,8 @@ class Refinement:
 
         ``start`` is moved into the box first; if it is not finite, no step is taken.
         """
-        begin = self._projected(start)
-        result = self._search(begin, target, self.options.max_newton_steps)
+        begin = self.projected(start)
+        result = self.search(begin, target, self.options.max_newton_steps)
         lost = math.isnan(result.position_residual)
         if lost or result.converged or result.newton_steps == self.options.max_newton_steps:
             return result
@@ -100,7 +100,7 @@ class Refinement:
         """Search anew beyond the nearest singularities, with the steps that are left."""
         known = [begin, first.joint_positions]
         for positions in tuple(known):
-            beyond = self._projected(
+            beyond = self.projected(
                 reflected_across_singularity(
                     lambda q: self.kinematics.linearise(q, target).jacobian,
                     positions,
@@ -115,14 +115,15 @@ class Refinement:
         )
         steps = first.newton_steps
         for start in starts:
-            result = self._search(start, target, self.options.max_newton_steps - steps)
+            result = self.search(start, target, self.options.max_newton_steps - steps)
             steps += result.newton_steps
             if result.converged:
                 return result._replace(newton_steps=steps)
         # Without convergence the first search is reported.
         return first._replace(newton_steps=steps)
 
-    def _search(self, start: FloatArray, target: FloatArray, most: int) -> RefinementResult:
+    def search(self, start: FloatArray, target: FloatArray, most: int) -> RefinementResult:
+        """One search, of at most so many steps, from a start in the box."""
         linearise = self.kinematics.linearise
         positions, last, steps = start, math.inf, 0
         close = self.options.tolerance**2
@@ -134,7 +135,7 @@ class Refinement:
             # Not '<=', so that NaN ends it too.
             if not squared > close or steps >= most or stuck:
                 break
-            step = self._step(linear.jacobian, twist, squared, positions)
+            step = self.step(linear.jacobian, twist, squared, positions)
             if step is None:
                 break
             positions, last = step, squared
@@ -144,7 +145,7 @@ class Refinement:
         converged = position <= tolerance and orientation <= tolerance
         return RefinementResult(positions, position, orientation, steps, converged)
 
-    def _step(
+    def step(
         self, jacobian: FloatArray, twist: FloatArray, squared: float, positions: FloatArray
     ) -> FloatArray | None:
         """Joint positions after one step, inside the box; None if it can't be computed."""
@@ -198,7 +199,8 @@ class Refinement:
             candidate[moving] = positions[moving] + motion
         return candidate
 
-    def _projected(self, joint_positions: FloatArray) -> FloatArray:
+    def projected(self, joint_positions: FloatArray) -> FloatArray:
+        """Joint positions moved into the box."""
         projected: FloatArray = np.minimum(
             np.maximum(joint_positions, self.box.lower), self.box.upper
         )
@@ -231,8 +233,21 @@ def reflected_across_singularity(
 ) -> FloatArray:
     """Joint positions ``(dof,)`` beyond the nearest singularity; the same if there is none.
 
-    With sigma = u^T J v, the singularity is about sigma / (u^T (dJ/dv) v) away along -v. Only the
-    joints with indices in ``free`` move.
+    Only the joints with indices in ``free`` move.
+    """
+    across = _DISTANCES * from_singularity(jacobian, joint_positions, free)
+    length = float(np.linalg.norm(across))
+    return joint_positions + min(1.0, _FARTHEST / max(length, _STEP)) * across
+
+
+def from_singularity(
+    jacobian: Callable[[FloatArray], FloatArray],
+    joint_positions: FloatArray,
+    free: NDArray[np.int64],
+) -> FloatArray:
+    """The joint motion ``(dof,)`` to the nearest singularity, zero if there is none.
+
+    With sigma = u^T J v, it is about sigma / (u^T (dJ/dv) v) away along -v.
     """
     left, singular, right = np.linalg.svd(jacobian(joint_positions)[:, free], full_matrices=False)
     across = np.zeros_like(joint_positions)
@@ -242,7 +257,6 @@ def reflected_across_singularity(
     )
     derivative = float(left[:, -1] @ (ahead - behind) @ right[-1]) / (2.0 * _STEP)
     if abs(derivative) < _LEAST_DERIVATIVE:
-        return joint_positions
-    distance = -_DISTANCES * float(singular[-1]) / derivative
-    beyond: FloatArray = joint_positions + max(-_FARTHEST, min(_FARTHEST, distance)) * across
-    return beyond
+        return np.zeros_like(joint_positions)
+    to_singularity: FloatArray = -float(singular[-1]) / derivative * across
+    return to_singularity

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from annik_core.safety import AcceptanceLimits, CommandSafety
 from annik_core.solver.ik_solver import IkSolver, SolverMode
 from annik_core.solver.result import RefinementOptions
+from annik_core.solver.search import SearchOptions
 from annik_ros.parameters import ExecutorChoice, changeable, parameter, parameters_of
 
 if TYPE_CHECKING:
@@ -36,7 +37,8 @@ class IkNodeParameters:
         SolverMode.AUTO,
         "How a target is solved. network: by the network alone, as in the paper; refined: the "
         "network's joint positions are refined on the forward kinematics inside the joint box; "
-        "auto: refined for an arm, network for the gantry.",
+        "whole_robot: of an arm, anywhere within the joint limits, on the branch of the previous "
+        "command; auto: refined for an arm, network for the gantry.",
     )
     refinement: RefinementOptions = parameters_of(
         RefinementOptions, read_only=False, names={"tolerance": "refinement_tolerance"}
@@ -46,6 +48,9 @@ class IkNodeParameters:
         "Start the refinement from the previous command where its pose is nearer to the target "
         "than that of the network's joint positions. true: a solution may depend on previous "
         "targets; false: on its target alone.",
+    )
+    search: SearchOptions = parameters_of(
+        SearchOptions, read_only=False, names={"spacing": "solution_spacing"}
     )
     acceptance_limits: AcceptanceLimits = parameters_of(AcceptanceLimits, read_only=False)
     command_safety: CommandSafety = parameters_of(CommandSafety, read_only=False)
@@ -102,5 +107,10 @@ class IkNodeParameters:
     def solver(self, model: "Model") -> IkSolver:
         """The solver that they describe, for a model."""
         return IkSolver(
-            model, self.acceptance_limits, self.mode, self.refinement, self.seed_from_previous
+            model,
+            self.acceptance_limits,
+            self.mode,
+            self.refinement,
+            self.seed_from_previous,
+            self.search,
         )

@@ -115,6 +115,7 @@ class TestOrder:
         robot = load_robot("scara")
         upper = robot.joint_limits.upper
         candidate = Candidate(robot, POSES[0], upper + 1.0, (1.0, 1.0), converged=False)
+        candidate.branch_end = "it ends"
         limits = AcceptanceLimits(1e-3, 1e-3, 1e-3, max_expected_error=1e-3)
         safety = CommandSafety(max_joint_velocity=1e-3, max_measured_step=1e-3)
         return candidate, CommandContext(limits, upper, Motion(safety, 0.1, Measurement(upper)))

@@ -117,6 +117,9 @@ class Draw:
     def joints(self, dof: int) -> Any:
         return self.array(dof, scale=10.0 ** int(self.rng.integers(-3, 4)))
 
+    def starts(self, dof: int) -> Any:
+        return self.array(self.one_of((0, 0, 1, 3)), dof)
+
     def placements(self, dof: int) -> Any:
         if self.chance(0.2):
             return self.array(dof + 1, 4, 4, scale=10.0 ** int(self.rng.integers(-2, 155)))
@@ -194,6 +197,11 @@ CONSTRUCTORS: Mapping[str, Callable[[Draw, int, Callable[[str], Any]], tuple[Any
         draw.number(1e-3, 1.0, np.inf),
         draw.number(1e-3, 0.1),
     ),
+    "Search": lambda draw, _, alive: (
+        alive("Refinement"),
+        draw.number(0, 1, 20, 100),
+        draw.number(0.5, 1.0),
+    ),
 }
 
 #: How each method of each class is called; all equally often.
@@ -217,6 +225,17 @@ METHODS: Mapping[str, Mapping[str, Callable[[Draw, int], tuple[Any, ...]]]] = {
     "BoundSolve": {
         "prepare": lambda draw, _: (draw.pose(),),
         "finish": lambda draw, _: (draw.pose(),),
+    },
+    "Search": {
+        "first": lambda draw, dof: (draw.pose(), draw.starts(dof), draw.one_of((0, 1, 40, -1))),
+        "all": lambda draw, dof: (
+            draw.pose(),
+            draw.starts(dof),
+            draw.one_of((0, 1, 40, None)),
+            draw.number(0.0, 0.5),
+        ),
+        "follow": lambda draw, dof: (draw.joints(dof), draw.pose()),
+        "same_branch": lambda draw, dof: (draw.joints(dof), draw.joints(dof)),
     },
 }
 

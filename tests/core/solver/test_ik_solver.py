@@ -395,7 +395,8 @@ class TestRefined:
         assert " 0.2," in stepping.reason
 
     @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-    @pytest.mark.parametrize("mode", list(SolverMode))
+    # Of a whole robot the network is one of many starts.
+    @pytest.mark.parametrize("mode", sorted({*SolverMode} - {SolverMode.WHOLE_ROBOT}, key=str))
     @pytest.mark.parametrize("seeded", [False, True])
     def test_a_network_without_finite_numbers_is_refused(
         self, ur5e: Robot, value: float, mode: SolverMode, seeded: bool

@@ -336,7 +336,7 @@ def test_of_two_starts_beyond_singularities_the_nearer_to_the_target_is_tried_fi
         return RefinementResult(end, 1.0, 1.0, 1, False)
 
     monkeypatch.setattr(refinement, "reflected_across_singularity", reflected)
-    monkeypatch.setattr(Refinement, "_search", search)
+    monkeypatch.setattr(Refinement, "search", search)
     result = refinement_of(robot).refine(begin, target)
     assert not result.converged
     assert result.newton_steps == 3

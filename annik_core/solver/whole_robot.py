@@ -1,0 +1,205 @@
+"""Solutions of an arm anywhere within its joint limits, on the branch of the previous command."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from annik_core.kernel import compiled_kernel
+from annik_core.pose import FloatArray
+from annik_core.robots.arm_kinematics import CompiledKinematics
+from annik_core.robots.robot import FULL_TURN, Robot
+from annik_core.safety import UNKNOWN, Candidate
+from annik_core.solver.result import RefinementOptions
+from annik_core.solver.search import FoundSolution, FoundSolutions, Search, SearchOptions
+
+#: Examples that starts are from; they are computed when a model is loaded, in 50 ms.
+EXAMPLES = 20_000
+#: Beyond this distance from the previous pose, in radians and half reaches, a target need not be
+#: reached by a straight motion of the end effector to continue its branch.
+_FAR = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class WholeRobot:
+    """Finds solutions within the joint limits of an arm."""
+
+    robot: Robot
+    refinement: RefinementOptions = RefinementOptions()
+    options: SearchOptions = SearchOptions()
+
+    def preferred(self, target: FloatArray, starts: FloatArray) -> Candidate:
+        """The preferred solution of a target ``(7,)``, one function of the pose.
+
+        It is the first that the search finds: from the starts ``(n, dof)``, in their order, then
+        from the nearest examples.
+        """
+        found = self._search.first(target, starts, self.options.max_starts)
+        if not found.found:
+            return self._unsolved(target, found.effort)
+        residuals = found.position_residual, found.orientation_residual
+        return Candidate(self.robot, target, found.joint_positions, residuals)
+
+    def continued(self, target: FloatArray, starts: FloatArray, previous: FloatArray) -> Candidate:
+        """The solution on the branch of the previous joint positions ``(dof,)``.
+
+        The joints move steadily to it while the end effector moves straight to the target. Where
+        they can't, and the target is far, it is the nearest solution to which a straight motion of
+        the joints passes no singularity. Otherwise the branch ends.
+        """
+        found = self._search.follow(previous, target)
+        if found.found:
+            residuals = found.position_residual, found.orientation_residual
+            return Candidate(self.robot, target, found.joint_positions, residuals, found.effort)
+        others = self._all(target, starts)
+        if not len(others.joint_positions):
+            return self._unsolved(target, others.starts)
+        positions = self._nearest_turns(others.joint_positions, previous)
+        steps = self._distances(positions, previous)
+        order = np.argsort(steps, kind="stable")
+        if self._is_far(previous, target):
+            for row in order:
+                if steps[row] < math.pi and self._search.same_branch(previous, positions[row]):
+                    return Candidate(self.robot, target, positions[row])
+        nearest = Candidate(self.robot, target, positions[order[0]])
+        if not self.options.allow_branch_change:
+            position, orientation = found.position_residual, found.orientation_residual
+            nearest.branch_end = (
+                f"the branch of the previous command ends {1e3 * position:.4g} mm and "
+                f"{math.degrees(orientation):.4g} degrees before the target, at a limit or a "
+                f"singularity; the nearest solution on another branch is {steps[order[0]]:.4g} "
+                "away, by the joint that moves most (allow_branch_change would command it)"
+            )
+        return nearest
+
+    def every(
+        self, target: FloatArray, starts: FloatArray, near: FloatArray, *, turns: bool
+    ) -> list[Candidate]:
+        """All solutions, those nearest to joint positions ``(dof,)`` first.
+
+        Of each solution the turns of revolute joints that are nearest to these, or, with
+        ``turns``, all that are within the limits.
+        """
+        found = self._all(target, starts)
+        positions = self._nearest_turns(found.joint_positions, near)
+        known = list(
+            zip(
+                found.position_residuals.tolist(),
+                found.orientation_residuals.tolist(),
+                strict=True,
+            )
+        )
+        # The residuals must be those of exactly the joint positions that are returned.
+        moved = (positions != found.joint_positions).any(axis=1).tolist()
+        residuals = [UNKNOWN if m else pair for m, pair in zip(moved, known, strict=True)]
+        if turns:
+            positions = self._all_turns(positions)
+            residuals = [UNKNOWN] * len(positions)
+        order = np.argsort(self._distances(positions, near), kind="stable").tolist()
+        return [Candidate(self.robot, target, positions[row], residuals[row]) for row in order]
+
+    @cached_property
+    def _search(self) -> Search:
+        return search_for(self.robot, self.refinement)
+
+    def prepare(self) -> None:
+        """Compute the examples now, not while the first target waits."""
+        _ = self._search
+
+    def _all(self, target: FloatArray, starts: FloatArray) -> FoundSolutions:
+        return self._search.all(target, starts, self.options.max_starts, self.options.spacing)
+
+    def _unsolved(self, target: FloatArray, starts: int) -> Candidate:
+        reason = f"no solution within the joint limits was found from {starts} starts"
+        middle = self.robot.joint_limits.centre
+        return Candidate(self.robot, target, middle, converged=False, not_found=reason)
+
+    @cached_property
+    def _turning(self) -> FloatArray:
+        """``(dof,)``: a full turn for the joints that turn, 0 for the others."""
+        kinds = self.robot.joint_types
+        return np.array([0.0 if kind == "prismatic" else FULL_TURN for kind in kinds])
+
+    def _turn_range(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest number of full turns that may be added ``(..., dof)``."""
+        limits, turn = self.robot.joint_limits, self._turning
+        safe = np.where(turn > 0.0, turn, 1.0)
+        least = np.where(turn > 0.0, np.ceil((limits.lower - positions) / safe), 0.0)
+        most = np.where(turn > 0.0, np.floor((limits.upper - positions) / safe), 0.0)
+        return np.minimum(least, 0.0), np.maximum(most, 0.0)
+
+    def _nearest_turns(self, positions: FloatArray, near: FloatArray) -> FloatArray:
+        """Solutions ``(n, dof)``, in the turns nearest to joint positions ``(dof,)``."""
+        safe = np.where(self._turning > 0.0, self._turning, 1.0)
+        wanted = np.round((near - positions) / safe)
+        turns: FloatArray = np.clip(wanted, *self._turn_range(positions))
+        return positions + turns * self._turning
+
+    def _all_turns(self, positions: FloatArray) -> FloatArray:
+        """Solutions ``(n, dof)`` in every turn of revolute joints within the limits."""
+        rows = []
+        for row in positions:
+            least, most = self._turn_range(row)
+            choices = [
+                [0.0]
+                if kind == "continuous"
+                else [float(k) for k in range(int(low), int(high) + 1)]
+                for kind, low, high in zip(self.robot.joint_types, least, most, strict=True)
+            ]
+            rows += [
+                row + np.array(turns) * self._turning for turns in itertools.product(*choices)
+            ]
+        return np.array(rows).reshape(-1, self.robot.dof)
+
+    def _distances(self, positions: FloatArray, near: FloatArray) -> FloatArray:
+        """The largest motion of a joint to each of ``(n, dof)`` [rad or m]."""
+        distances: FloatArray = np.abs(positions - near).max(axis=1, initial=0.0)
+        return distances
+
+    def _is_far(self, previous: FloatArray, target: FloatArray) -> bool:
+        position, orientation = self.robot.forward_kinematics.residuals(previous, target)
+        return position / self._length + orientation > _FAR
+
+    @cached_property
+    def _length(self) -> float:
+        return 0.5 * float(self.robot.workspace.reach)  # type: ignore[attr-defined]
+
+
+def search_for(robot: Robot, options: RefinementOptions) -> Search:
+    """The search of an arm: in the compiled kernel if there is one."""
+    kinematics, limits = robot.forward_kinematics, robot.joint_limits
+    # Half the reach counts as much as a radian.
+    length = 0.5 * robot.workspace.reach  # type: ignore[attr-defined]
+    if isinstance(kinematics, CompiledKinematics):
+        kernel = compiled_kernel()
+        bounds = (limits.lower, limits.upper, options.max_newton_steps, options.tolerance)
+        return _CompiledSearch(
+            kernel.Search(kernel.Refinement(kinematics.compiled, *bounds), EXAMPLES, length)
+        )
+    # Not above: its linear algebra loads slowly.
+    from annik_core.solver.plain_search import PlainSearch
+
+    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
+    return PlainSearch(kinematics, limits, turns, length, options, EXAMPLES)
+
+
+@dataclass(frozen=True, eq=False)
+class _CompiledSearch:
+    compiled: Any
+
+    def first(self, target: FloatArray, starts: FloatArray, most: int) -> FoundSolution:
+        return FoundSolution(*self.compiled.first(target, starts, most))
+
+    def all(
+        self, target: FloatArray, starts: FloatArray, most: int, spacing: float
+    ) -> FoundSolutions:
+        return FoundSolutions(*self.compiled.all(target, starts, most, spacing))
+
+    def follow(self, previous: FloatArray, target: FloatArray) -> FoundSolution:
+        return FoundSolution(*self.compiled.follow(previous, target))
+
+    def same_branch(self, first: FloatArray, second: FloatArray) -> bool:
+        return bool(self.compiled.same_branch(first, second))
