@@ -91,7 +91,8 @@ def bench_tables(results: BenchResults) -> list[BenchTable]:
     ]
     columns = ("threads", f"{max(sizes)} poses [1/s]", "as one thread")
     tables.append(BenchTable("Batches of annik, refined, by threads", columns, rows))
-    return [*tables, _table("A calibrated robot", results, results.calibrated, _TARGETS)]
+    others = results.calibrated
+    return [*tables, _table("A calibrated robot", results, others, _TARGETS, others)]
 
 
 def _table(
@@ -99,12 +100,13 @@ def _table(
     results: BenchResults,
     found: Mapping[str, Found],
     columns: Sequence[_Column[Found]],
+    solved: Mapping[str, TargetResult] | None = None,
 ) -> BenchTable:
     solvers = [solver for solver in results.all_solvers if solver.name in found]
     comparable = {
-        solver.name
-        for solver in results.solvers
-        if results.targets[solver.name].success >= COMPARABLE
+        name
+        for name, result in (solved or results.targets).items()
+        if result.success >= COMPARABLE
     }
     rows = [[Cell(solver.name), Cell(solver.kind)] for solver in solvers]
     for column in columns:
