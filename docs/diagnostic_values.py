@@ -42,7 +42,7 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "model quality": "what it solves of random poses, by its evaluation; and what makes it "
         "poor",
         "robot": "its name",
-        "mode": "network or refined",
+        "mode": "network, refined or whole_robot",
         "forward kinematics": "as described, or learned from how many measured poses: those of "
         "the residuals",
         **_JOINT_STATES,

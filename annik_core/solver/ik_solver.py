@@ -161,6 +161,13 @@ class IkSolver:
         """The robot that the model was trained for."""
         return self.artifact.robot
 
+    @property
+    def chosen_mode(self) -> SolverMode:
+        """The mode, with ``AUTO`` decided."""
+        if self.mode is not SolverMode.AUTO:
+            return self.mode
+        return SolverMode.REFINED if self.refines else SolverMode.NETWORK
+
     @cached_property
     def refines(self) -> bool:
         """Whether the network's solutions are refined."""

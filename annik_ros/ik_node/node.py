@@ -427,7 +427,7 @@ class IkNode(ManagedNode):
             "model sha256": artifact.sha256[:12],
             "model quality": str(artifact.quality),
             "robot": artifact.robot.name,
-            "mode": "refined" if server.solver.refines else "network",
+            "mode": server.solver.chosen_mode.value,
             "forward kinematics": _kinematics(artifact.robot),
         }
         return outcome_report(

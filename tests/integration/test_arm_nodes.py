@@ -167,7 +167,9 @@ def test_how_an_arm_is_answered_can_be_changed_while_the_node_serves(
         assert not change(name, value).successful
     choice = change("mode", "guess")
     assert not choice.successful
-    assert choice.reason == "mode is 'guess'; allowed: one of auto, network, refined"
+    assert choice.reason == (
+        "mode is 'guess'; allowed: one of auto, network, refined, whole_robot"
+    )
     answered()
     assert "Traceback" not in node.log
 
