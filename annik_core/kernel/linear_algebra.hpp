@@ -22,17 +22,21 @@ inline double dot(const Column& a, const Column& b) {
   return sum;
 }
 
-// Solves A x = b of six equations by elimination with row exchanges. False if A is singular.
-inline bool solve_six(Jacobian a, Column b, Joints& x) {
+// Elimination of six equations A x = b with row exchanges, to an upper triangle. The sign of A's
+// determinant, 0 if A is singular.
+inline int eliminate_six(Jacobian& a, Column& b) {
+  int sign = 1;
   for (std::size_t k = 0; k < 6; ++k) {
     std::size_t pivot = k;
     for (std::size_t row = k + 1; row < 6; ++row)
       if (std::abs(a[k][row]) > std::abs(a[k][pivot])) pivot = row;
-    if (!(std::abs(a[k][pivot]) > 0.0)) return false;
+    if (!(std::abs(a[k][pivot]) > 0.0)) return 0;
     if (pivot != k) {
       for (std::size_t column = k; column < 6; ++column) std::swap(a[column][k], a[column][pivot]);
       std::swap(b[k], b[pivot]);
+      sign = -sign;
     }
+    if (a[k][k] < 0.0) sign = -sign;
     const double inverse = 1.0 / a[k][k];
     for (std::size_t row = k + 1; row < 6; ++row) {
       const double factor = a[k][row] * inverse;
@@ -41,32 +45,18 @@ inline bool solve_six(Jacobian a, Column b, Joints& x) {
       b[row] -= factor * b[k];
     }
   }
+  return sign;
+}
+
+// Solves A x = b of six equations. False if A is singular.
+inline bool solve_six(Jacobian a, Column b, Joints& x) {
+  if (eliminate_six(a, b) == 0) return false;
   for (std::size_t k = 6; k-- > 0;) {
     double sum = b[k];
     for (std::size_t column = k + 1; column < 6; ++column) sum -= a[column][k] * x[column];
     x[k] = sum / a[k][k];
   }
   return true;
-}
-
-// By elimination with row exchanges.
-inline double determinant_six(Jacobian a) {
-  double determinant = 1.0;
-  for (std::size_t k = 0; k < 6; ++k) {
-    std::size_t pivot = k;
-    for (std::size_t row = k + 1; row < 6; ++row)
-      if (std::abs(a[k][row]) > std::abs(a[k][pivot])) pivot = row;
-    if (pivot != k) {
-      for (std::size_t column = k; column < 6; ++column) std::swap(a[column][k], a[column][pivot]);
-      determinant = -determinant;
-    }
-    determinant *= a[k][k];
-    if (!(std::abs(determinant) > 0.0)) return 0.0;
-    for (std::size_t row = k + 1; row < 6; ++row)
-      for (std::size_t column = k + 1; column < 6; ++column)
-        a[column][row] -= a[k][row] / a[k][k] * a[column][k];
-  }
-  return determinant;
 }
 
 // The x of least |A x - b|^2 + damping |x|^2, A of n columns: Cholesky's factors of the normal

@@ -37,12 +37,6 @@ class Refinement {
     return beyond_singularities(begin, target, found);
   }
 
- public:
-  static constexpr double DAMPING = 0.01, LEAST_DAMPING = 1e-12, NEAR = 0.01, SHORT = 0.04;
-  static constexpr double STUCK = 0.5;
-  static constexpr int PATIENCE = 3;
-  static constexpr double STEP = 1e-4, DISTANCES = 3.0, FARTHEST = 1.5, LEAST_DERIVATIVE = 1e-9;
-
   Joints projected(Joints positions) const {
     // NaN stays NaN.
     for (std::size_t joint = 0; joint < chain.size(); ++joint) {
@@ -96,6 +90,48 @@ class Refinement {
     positions = candidate;
     return true;
   }
+
+  // Where the nearest singularity is: a unit vector of the free joints, and how far along it.
+  struct Direction {
+    Joints unit{};
+    double distance = 0.0;
+  };
+
+  Joints moved(Joints positions, const Direction& direction, double length) const {
+    for (std::size_t i = 0; i < free.size(); ++i)
+      positions[free[i]] += length * direction.unit[i];
+    return positions;
+  }
+
+  // Distance 0 if there is none.
+  Direction from_singularity(const Joints& positions, const Placement& target) const {
+    const auto columns_at = [&](const Joints& at) {
+      Linearisation linear;
+      chain.linearise(at, target, linear);
+      Jacobian columns;
+      for (std::size_t i = 0; i < free.size(); ++i) columns[i] = linear.jacobian[free[i]];
+      return columns;
+    };
+    const LeastSingularValue least = least_singular_value(columns_at(positions), free.size());
+    Direction along{least.right, 0.0};
+    const Jacobian ahead = columns_at(moved(positions, along, STEP));
+    const Jacobian behind = columns_at(moved(positions, along, -STEP));
+    double derivative = 0.0;
+    for (std::size_t i = 0; i < free.size(); ++i)
+      derivative += (dot(ahead[i], least.left) - dot(behind[i], least.left)) * least.right[i];
+    derivative /= 2.0 * STEP;
+    if (std::abs(derivative) < LEAST_DERIVATIVE) return along;
+    if (derivative > 0.0)
+      for (double& part : along.unit) part = -part;
+    along.distance = least.value / std::abs(derivative);
+    return along;
+  }
+
+ private:
+  static constexpr double DAMPING = 0.01, LEAST_DAMPING = 1e-12, NEAR = 0.01, SHORT = 0.04;
+  static constexpr double STUCK = 0.5;
+  static constexpr int PATIENCE = 3;
+  static constexpr double STEP = 1e-4, DISTANCES = 3.0, FARTHEST = 1.5, LEAST_DERIVATIVE = 1e-9;
 
   bool short_newton_step(const Jacobian& columns, const Twist& twist, Joints& motion) const {
     if (free.size() != 6 || !solve_six(columns, twist, motion)) return false;
@@ -170,42 +206,6 @@ class Refinement {
   Joints reflected(const Joints& positions, const Placement& target) const {
     const Direction away = from_singularity(positions, target);
     return moved(positions, away, std::min(FARTHEST, DISTANCES * away.distance));
-  }
-
-  // Where the nearest singularity is: a unit vector of the free joints, and how far along it.
-  struct Direction {
-    Joints unit{};
-    double distance = 0.0;
-  };
-
-  Joints moved(Joints positions, const Direction& direction, double length) const {
-    for (std::size_t i = 0; i < free.size(); ++i)
-      positions[free[i]] += length * direction.unit[i];
-    return positions;
-  }
-
-  // Distance 0 if there is none.
-  Direction from_singularity(const Joints& positions, const Placement& target) const {
-    const auto columns_at = [&](const Joints& at) {
-      Linearisation linear;
-      chain.linearise(at, target, linear);
-      Jacobian columns;
-      for (std::size_t i = 0; i < free.size(); ++i) columns[i] = linear.jacobian[free[i]];
-      return columns;
-    };
-    const LeastSingularValue least = least_singular_value(columns_at(positions), free.size());
-    Direction along{least.right, 0.0};
-    const Jacobian ahead = columns_at(moved(positions, along, STEP));
-    const Jacobian behind = columns_at(moved(positions, along, -STEP));
-    double derivative = 0.0;
-    for (std::size_t i = 0; i < free.size(); ++i)
-      derivative += (dot(ahead[i], least.left) - dot(behind[i], least.left)) * least.right[i];
-    derivative /= 2.0 * STEP;
-    if (std::abs(derivative) < LEAST_DERIVATIVE) return along;
-    if (derivative > 0.0)
-      for (double& part : along.unit) part = -part;
-    along.distance = least.value / std::abs(derivative);
-    return along;
   }
 };
 

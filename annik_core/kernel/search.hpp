@@ -24,13 +24,13 @@ class ReducedPose {
         tool_(chain.end_effector),
         first_turns_(chain.joints.front().turns),
         last_turns_(chain.size() > 1 && chain.joints.back().turns),
+        last_joint_(chain.size() - 1),
         scale_(1.0 / length) {}
 
   std::size_t width() const { return last_turns_ ? 6 : 12; }
 
   // Position and axes of the last joint's frame, scaled; without the first joint's motion.
   Features of(const Placement& target) const {
-    Features features{};
     const Placement last = last_frame(target);
     Vector3 position = scale_ * last.position;
     double cosine = 1.0, sine = 0.0;
@@ -42,22 +42,20 @@ class ReducedPose {
     } else {
       position[2] = 0.0;
     }
-    std::size_t at = 0;
+    Features features{position[0], position[1], position[2]};
+    std::size_t at = 3;
     const auto put = [&](const Vector3& v) {
       features[at++] = cosine * v[0] + sine * v[1];
       features[at++] = cosine * v[1] - sine * v[0];
       features[at++] = v[2];
     };
-    features = {position[0], position[1], position[2]};
-    at = 3;
     put(last.rotation.z);
     if (!last_turns_) put(last.rotation.x), put(last.rotation.y);
     return features;
   }
 
   // Moves the first and last joint of joint positions that reach ``reached`` towards ``target``.
-  void align(const Placement& reached, const Placement& target, std::size_t last_joint,
-             Joints& positions) const {
+  void align(const Placement& reached, const Placement& target, Joints& positions) const {
     Placement from = last_frame(reached);
     const Placement to = last_frame(target);
     if (first_turns_) {
@@ -78,7 +76,7 @@ class ReducedPose {
     if (last_turns_) {
       const Vector3 x = from.rotation.inverse_times(to.rotation.x);
       const Vector3 y = from.rotation.inverse_times(to.rotation.y);
-      positions[last_joint] += std::atan2(x[1] - y[0], x[0] + y[1]);
+      positions[last_joint_] += std::atan2(x[1] - y[0], x[0] + y[1]);
     }
   }
 
@@ -95,6 +93,7 @@ class ReducedPose {
 
   Placement base_, tool_;
   bool first_turns_ = true, last_turns_ = true;
+  std::size_t last_joint_ = 0;
   double scale_ = 1.0;
 };
 
@@ -103,7 +102,7 @@ struct Solution {
   double position_residual, orientation_residual;
   bool allowed;  // within the limits
   Refinement::Direction singularity;
-  double radius;  // within which other starts end here too
+  double radius;  // within which there is no other
 };
 
 struct Followed {
@@ -141,7 +140,7 @@ class Search {
     nearest_ = NearestPoints(std::move(points), reduced_.width());
   }
 
-  // The first solution that is found; none is ``allowed`` false.
+  // The first solution that is found within the limits; not ``allowed`` if there is none.
   Solution first(const Placement& target, const std::vector<Joints>& starts, std::size_t most,
                  std::size_t& taken) const {
     std::vector<Solution> found;
@@ -164,10 +163,10 @@ class Search {
   // Along the straight line from the pose at ``previous``, as far as the joints move steadily.
   Followed follow(const Joints& previous, const Placement& target) const {
     const Placement from = within_.chain.pose(previous);
-    const Twist way = logarithm({from.rotation.inverse_times(target.rotation),
-                                 from.rotation.inverse_times(target.position - from.position)});
-    Joints positions = previous;
     Linearisation linear;
+    within_.chain.linearise(previous, target, linear);
+    const Twist way = linear.twist;
+    Joints positions = previous;
     int steps = 0;
     double done = 0.0, part = 1.0;
     for (int tries = 0; tries < MOST_PARTS; ++tries) {
@@ -175,10 +174,10 @@ class Search {
       const Placement goal = last ? target : from * exponential(way, done + part);
       within_.chain.linearise(positions, goal, linear);
       Joints predicted = positions;
-      const bool can = within_.step(linear, linear.squared(), predicted);
+      if (!within_.step(linear, linear.squared(), predicted)) break;
       const Refined refined = within_.search(predicted, goal, within_.max_newton_steps);
       steps += refined.newton_steps + 1;
-      if (can && refined.converged && steady(positions, predicted, refined.joint_positions)) {
+      if (refined.converged && steady(positions, predicted, refined.joint_positions)) {
         positions = refined.joint_positions;
         if (last)
           return {positions, refined.position_residual, refined.orientation_residual, steps, true};
@@ -204,7 +203,8 @@ class Search {
       Jacobian jacobian, columns;
       within_.chain.jacobian(between, jacobian);
       for (std::size_t k = 0; k < 6; ++k) columns[k] = jacobian[within_.free[k]];
-      const bool now = determinant_six(columns) > 0.0;
+      Column none{};
+      const bool now = eliminate_six(columns, none) > 0;
       if (i > 0 && now != positive) return false;
       positive = now;
     }
@@ -278,13 +278,13 @@ class Search {
 
   // With the first and last joint moved so that the pose is nearer to the target.
   Joints towards(Joints positions, const Placement& target) const {
-    reduced_.align(within_.chain.pose(positions), target, within_.chain.size() - 1, positions);
+    reduced_.align(within_.chain.pose(positions), target, positions);
     return positions;
   }
 
   Joints from_example(std::size_t index, const Placement& target) const {
     Joints start = examples_[index];
-    reduced_.align(reached_[index], target, within_.chain.size() - 1, start);
+    reduced_.align(reached_[index], target, start);
     return start;
   }
 
@@ -324,7 +324,7 @@ class Search {
     found.push_back(solution);
   }
 
-  // Turning joints within part a turn of the middle of their limits; or inside these, if they can.
+  // Turning joints within half a turn of the middle of their limits.
   Joints in_turn(Joints positions) const {
     for (const std::size_t joint : within_.free) {
       if (!turns(joint)) continue;

@@ -63,11 +63,15 @@ class SolverMode(Enum):
     REFINED = "refined"
     WHOLE_ROBOT = "whole_robot"
 
+    def of(self, robot: Robot) -> "SolverMode":
+        """The mode for a robot: ``AUTO`` decided."""
+        if self is not SolverMode.AUTO:
+            return self
+        return SolverMode.REFINED if robot.kind == "arm" else SolverMode.NETWORK
+
     def refines(self, robot: Robot) -> bool:
         """Whether solutions for this robot are refined."""
-        if self is SolverMode.AUTO:
-            return robot.kind == "arm"
-        return self in (SolverMode.REFINED, SolverMode.WHOLE_ROBOT)
+        return self.of(robot) is not SolverMode.NETWORK
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,9 +168,7 @@ class IkSolver:
     @property
     def chosen_mode(self) -> SolverMode:
         """The mode, with ``AUTO`` decided."""
-        if self.mode is not SolverMode.AUTO:
-            return self.mode
-        return SolverMode.REFINED if self.refines else SolverMode.NETWORK
+        return self.mode.of(self.robot)
 
     @cached_property
     def refines(self) -> bool:
@@ -176,7 +178,7 @@ class IkSolver:
     @cached_property
     def whole_robot(self) -> WholeRobot | None:
         """What finds solutions within the joint limits; None if they are sought in the box."""
-        if self.mode is not SolverMode.WHOLE_ROBOT:
+        if self.chosen_mode is not SolverMode.WHOLE_ROBOT:
             return None
         if self.robot.kind != "arm":
             raise InvalidValue("mode", self.mode.value, "another: only an arm is searched whole")
@@ -213,9 +215,12 @@ class IkSolver:
         if isinstance(target, Refusal):
             return IkResult.refused(target)
         if self.whole_robot is not None:
-            return self._checked_result(
-                self._anywhere(target[0], context.previous), target[1], context
-            )
+            starts = partial(self._network_starts, target[0])
+            if context.previous is None:
+                candidate = self.whole_robot.preferred(target[0], starts())
+            else:
+                candidate = self.whole_robot.continued(target[0], context.previous, starts)
+            return self._checked_result(candidate, target[1], context)
         solution = self.artifact.joint_positions_at(target[1].pose)
         return self._result(*target, solution, context)
 
@@ -247,13 +252,6 @@ class IkSolver:
             found = self.whole_robot.every(target[0], starts, near, turns=turns)
             results = [self._checked_result(one, target[1], self._alone) for one in found]
         return [result for result in results if result.accepted]
-
-    def _anywhere(self, target: FloatArray, previous: FloatArray | None) -> Candidate:
-        assert self.whole_robot is not None
-        starts = self._network_starts(target)
-        if previous is None:
-            return self.whole_robot.preferred(target, starts)
-        return self.whole_robot.continued(target, starts, previous)
 
     def _network_starts(self, target: FloatArray) -> FloatArray:
         """The network's joint positions ``(n, dof)``, those that are finite."""

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from annik_core.pose import FloatArray, rotation_matrix
 from annik_core.robots.joint_limits import JointLimits
-from annik_core.robots.robot import FULL_TURN, ForwardKinematics
+from annik_core.robots.robot import FULL_TURN, ForwardKinematics, unwrapped
 from annik_core.solver.refinement import Refinement, from_singularity
 from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import FoundSolution, FoundSolutions
@@ -113,9 +113,9 @@ class PlainSearch:
             linear = self.kinematics.linearise(positions, goal)
             squared = float(linear.twist.dot(linear.twist))
             predicted = self._within.step(linear.jacobian, linear.twist, squared, positions)
-            steps += 1
             if predicted is None:
                 break
+            steps += 1
             result = self._within.search(predicted, goal, self.options.max_newton_steps)
             steps += result.newton_steps
             if result.converged and self._steady(positions, predicted, result.joint_positions):
@@ -142,6 +142,11 @@ class PlainSearch:
         return bool((signs == signs[0]).all())
 
     @cached_property
+    def _turning(self) -> list[int]:
+        """Indices of the joints that turn and are not locked."""
+        return [joint for joint in self.limits.free.tolist() if self.turns[joint]]
+
+    @cached_property
     def _within(self) -> Refinement:
         return Refinement(self.kinematics, self.limits, self.options)
 
@@ -150,10 +155,9 @@ class PlainSearch:
         """With the limits of joints that turn left out, as far as solutions are not lost."""
         limits = self.limits
         lower, upper = limits.lower.copy(), limits.upper.copy()
-        round_ = self.turns & (upper > lower)
-        if len(limits.free) > 6:
-            round_ &= upper - lower >= FULL_TURN
-        lower[round_], upper[round_] = -math.inf, math.inf
+        for joint in self._turning:
+            if len(limits.free) <= 6 or upper[joint] - lower[joint] >= FULL_TURN:
+                lower[joint], upper[joint] = -math.inf, math.inf
         return Refinement(
             self.kinematics, JointLimits(limits.joint_names, lower, upper), self.options
         )
@@ -250,9 +254,7 @@ class PlainSearch:
             positions, last = step, squared
         if not squared < _FOUND**2 or is_known(positions):
             return False
-        turning = self.turns & (self.limits.upper > self.limits.lower)
-        turn = np.round((positions - self.limits.centre)[turning] / FULL_TURN)
-        positions[turning] -= FULL_TURN * turn
+        positions = unwrapped(positions, self.limits.centre, self._turning)
         to_singularity = from_singularity(
             lambda q: self.kinematics.linearise(q, target).jacobian, positions, self.limits.free
         )
@@ -270,8 +272,7 @@ class PlainSearch:
         return True
 
     def _near(self, first: FloatArray, second: FloatArray, distance: float) -> bool:
-        away = first - second
-        away = np.where(self.turns, away - FULL_TURN * np.round(away / FULL_TURN), away)
+        away = unwrapped(first - second, 0.0, self._turning)
         return bool(np.abs(away).max() <= distance)
 
     def _steady(self, start: FloatArray, predicted: FloatArray, end: FloatArray) -> bool:

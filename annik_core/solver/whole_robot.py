@@ -2,11 +2,13 @@
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray
@@ -43,18 +45,21 @@ class WholeRobot:
         residuals = found.position_residual, found.orientation_residual
         return Candidate(self.robot, target, found.joint_positions, residuals)
 
-    def continued(self, target: FloatArray, starts: FloatArray, previous: FloatArray) -> Candidate:
+    def continued(
+        self, target: FloatArray, previous: FloatArray, starts: Callable[[], FloatArray]
+    ) -> Candidate:
         """The solution on the branch of the previous joint positions ``(dof,)``.
 
         The joints move steadily to it while the end effector moves straight to the target. Where
         they can't, and the target is far, it is the nearest solution to which a straight motion of
-        the joints passes no singularity. Otherwise the branch ends.
+        the joints passes no singularity. Otherwise the branch ends. ``starts`` is called if other
+        solutions are sought.
         """
         found = self._search.follow(previous, target)
         if found.found:
             residuals = found.position_residual, found.orientation_residual
             return Candidate(self.robot, target, found.joint_positions, residuals, found.effort)
-        others = self._all(target, starts)
+        others = self._all(target, starts())
         if not len(others.joint_positions):
             return self._unsolved(target, others.starts)
         positions = self._nearest_turns(others.joint_positions, previous)
@@ -84,20 +89,18 @@ class WholeRobot:
         ``turns``, all that are within the limits.
         """
         found = self._all(target, starts)
-        positions = self._nearest_turns(found.joint_positions, near)
-        known = list(
-            zip(
-                found.position_residuals.tolist(),
-                found.orientation_residuals.tolist(),
-                strict=True,
-            )
-        )
-        # The residuals must be those of exactly the joint positions that are returned.
-        moved = (positions != found.joint_positions).any(axis=1).tolist()
-        residuals = [UNKNOWN if m else pair for m, pair in zip(moved, known, strict=True)]
         if turns:
-            positions = self._all_turns(positions)
+            positions = self._all_turns(found.joint_positions)
             residuals = [UNKNOWN] * len(positions)
+        else:
+            positions = self._nearest_turns(found.joint_positions, near)
+            # The residuals must be those of exactly the joint positions that are returned.
+            moved = (positions != found.joint_positions).any(axis=1).tolist()
+            known = found.position_residuals.tolist(), found.orientation_residuals.tolist()
+            residuals = [
+                UNKNOWN if elsewhere else (position, orientation)
+                for elsewhere, position, orientation in zip(moved, *known, strict=True)
+            ]
         order = np.argsort(self._distances(positions, near), kind="stable").tolist()
         return [Candidate(self.robot, target, positions[row], residuals[row]) for row in order]
 
@@ -117,26 +120,19 @@ class WholeRobot:
         middle = self.robot.joint_limits.centre
         return Candidate(self.robot, target, middle, converged=False, not_found=reason)
 
-    @cached_property
-    def _turning(self) -> FloatArray:
-        """``(dof,)``: a full turn for the joints that turn, 0 for the others."""
-        kinds = self.robot.joint_types
-        return np.array([0.0 if kind == "prismatic" else FULL_TURN for kind in kinds])
-
     def _turn_range(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and greatest number of full turns that may be added ``(..., dof)``."""
-        limits, turn = self.robot.joint_limits, self._turning
-        safe = np.where(turn > 0.0, turn, 1.0)
-        least = np.where(turn > 0.0, np.ceil((limits.lower - positions) / safe), 0.0)
-        most = np.where(turn > 0.0, np.floor((limits.upper - positions) / safe), 0.0)
+        limits, turns = self.robot.joint_limits, _turns(self.robot)
+        least = np.ceil((limits.lower - positions) / FULL_TURN)
+        most = np.floor((limits.upper - positions) / FULL_TURN)
+        least, most = np.where(turns, [least, most], 0.0)
         return np.minimum(least, 0.0), np.maximum(most, 0.0)
 
     def _nearest_turns(self, positions: FloatArray, near: FloatArray) -> FloatArray:
         """Solutions ``(n, dof)``, in the turns nearest to joint positions ``(dof,)``."""
-        safe = np.where(self._turning > 0.0, self._turning, 1.0)
-        wanted = np.round((near - positions) / safe)
-        turns: FloatArray = np.clip(wanted, *self._turn_range(positions))
-        return positions + turns * self._turning
+        wanted = np.round((near - positions) / FULL_TURN)
+        nearest: FloatArray = positions + FULL_TURN * np.clip(wanted, *self._turn_range(positions))
+        return nearest
 
     def _all_turns(self, positions: FloatArray) -> FloatArray:
         """Solutions ``(n, dof)`` in every turn of revolute joints within the limits."""
@@ -149,9 +145,7 @@ class WholeRobot:
                 else [float(k) for k in range(int(low), int(high) + 1)]
                 for kind, low, high in zip(self.robot.joint_types, least, most, strict=True)
             ]
-            rows += [
-                row + np.array(turns) * self._turning for turns in itertools.product(*choices)
-            ]
+            rows += [row + FULL_TURN * np.array(turns) for turns in itertools.product(*choices)]
         return np.array(rows).reshape(-1, self.robot.dof)
 
     def _distances(self, positions: FloatArray, near: FloatArray) -> FloatArray:
@@ -161,29 +155,39 @@ class WholeRobot:
 
     def _is_far(self, previous: FloatArray, target: FloatArray) -> bool:
         position, orientation = self.robot.forward_kinematics.residuals(previous, target)
-        return position / self._length + orientation > _FAR
-
-    @cached_property
-    def _length(self) -> float:
-        return 0.5 * float(self.robot.workspace.reach)  # type: ignore[attr-defined]
+        return position / _length(self.robot) + orientation > _FAR
 
 
+def _turns(robot: Robot) -> NDArray[np.bool_]:
+    """Which joints ``(dof,)`` turn."""
+    return np.array([kind != "prismatic" for kind in robot.joint_types])
+
+
+def _length(robot: Robot) -> float:
+    """What counts as much as a radian: half the reach [m]."""
+    return 0.5 * float(robot.workspace.reach)  # type: ignore[attr-defined]
+
+
+# A solver with other settings, of the same robot, has the same search.
+@lru_cache(maxsize=1)
 def search_for(robot: Robot, options: RefinementOptions) -> Search:
     """The search of an arm: in the compiled kernel if there is one."""
     kinematics, limits = robot.forward_kinematics, robot.joint_limits
-    # Half the reach counts as much as a radian.
-    length = 0.5 * robot.workspace.reach  # type: ignore[attr-defined]
-    if isinstance(kinematics, CompiledKinematics):
-        kernel = compiled_kernel()
-        bounds = (limits.lower, limits.upper, options.max_newton_steps, options.tolerance)
-        return _CompiledSearch(
-            kernel.Search(kernel.Refinement(kinematics.compiled, *bounds), EXAMPLES, length)
-        )
+    if not isinstance(kinematics, CompiledKinematics):
+        return readable_search(robot, options, EXAMPLES)
+    kernel = compiled_kernel()
+    bounds = (limits.lower, limits.upper, options.max_newton_steps, options.tolerance)
+    refinement = kernel.Refinement(kinematics.compiled, *bounds)
+    return _CompiledSearch(kernel.Search(refinement, EXAMPLES, _length(robot)))
+
+
+def readable_search(robot: Robot, options: RefinementOptions, examples: int) -> Search:
+    """:func:`search_for` in NumPy, whether the kernel can be used or not."""
     # Not above: its linear algebra loads slowly.
     from annik_core.solver.plain_search import PlainSearch
 
-    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
-    return PlainSearch(kinematics, limits, turns, length, options, EXAMPLES)
+    kinematics, limits = robot.forward_kinematics, robot.joint_limits
+    return PlainSearch(kinematics, limits, _turns(robot), _length(robot), options, examples)
 
 
 @dataclass(frozen=True, eq=False)

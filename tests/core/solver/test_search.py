@@ -10,20 +10,11 @@ from annik_core.robots.robot import Robot
 from annik_core.solver.plain_search import PlainSearch
 from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import Search, SearchOptions
-from annik_core.solver.whole_robot import search_for
+from annik_core.solver.whole_robot import readable_search, search_for
 
 ARMS = ("panda", "puma560", "scara", "ur5e", "xarm6")
 OPTIONS = SearchOptions()
 SPACING = OPTIONS.spacing
-
-
-def plain_search(robot: Robot, examples: int = 3000) -> PlainSearch:
-    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
-    length = 0.5 * robot.workspace.reach
-    limits = robot.joint_limits
-    return PlainSearch(
-        robot.forward_kinematics, limits, turns, length, RefinementOptions(), examples
-    )
 
 
 def drawn(robot: Robot, count: int, seed: int = 1) -> FloatArray:
@@ -110,7 +101,8 @@ class TestEveryArm:
         assert len(search.all(pose, no_starts(robot), 200, SPACING).joint_positions) == 0
 
     def test_the_same_question_has_the_same_answer(self, robot: Robot, search: Search) -> None:
-        again = search_for(robot, RefinementOptions())
+        again = search_for(load_robot(robot.name), RefinementOptions())
+        assert again is not search
         for pose in robot.forward_kinematics.poses(drawn(robot, 5)):
             first, second = (
                 way.all(pose, no_starts(robot), OPTIONS.max_starts, SPACING)
@@ -174,7 +166,8 @@ class TestPlainAndCompiled:
     ) -> None:
         robot = load_robot(name)
         monkeypatch.setattr("annik_core.solver.whole_robot.EXAMPLES", 3000)
-        compiled, plain = search_for(robot, RefinementOptions()), plain_search(robot)
+        options = RefinementOptions()
+        compiled, plain = search_for(robot, options), readable_search(robot, options, 3000)
         assert not isinstance(compiled, PlainSearch)
         joint_positions = drawn(robot, 6)
         nearby = joint_positions + 0.02
@@ -202,7 +195,7 @@ class TestPlainAndCompiled:
 
     def test_redundant_arms_are_answered_alike(self) -> None:
         robot = load_robot("panda")
-        plain = plain_search(robot)
+        plain = readable_search(robot, RefinementOptions(), 3000)
         for pose in robot.forward_kinematics.poses(drawn(robot, 4)):
             found = plain.first(pose, no_starts(robot), OPTIONS.max_starts)
             assert found.found
