@@ -26,6 +26,8 @@ from annik_core.robots.library import load_robot
 from annik_core.simulation.imperfections import InvalidImperfections, read_imperfections
 from annik_core.target_paths import UnreadableTargetFile, csv_path
 from annik_ros.launch_arguments import checked_arguments, node_parameters
+from annik_training.calibration.errors import UnreadableMeasurements
+from annik_training.calibration.measurement_files import read_measurements
 from annik_training.designs.registry import generate_dataset
 from msg_tools.bags.errors import BagNotReadable
 from msg_tools.bags.reader import read_bag
@@ -35,6 +37,7 @@ READERS: dict[str, tuple[Callable[[Path], object], type[AnnikError]]] = {
     "targets": (csv_path, UnreadableTargetFile),
     "robot": (load_robot, InvalidRobotDefinition),
     "imperfections": (lambda path: read_imperfections(path, ur5e()), InvalidImperfections),
+    "measurements": (lambda path: read_measurements(ur5e(), [path]), UnreadableMeasurements),
     "journal": (AppendLog, NotWritable),
     "model": (load_model, UnreadableModel),
     "bag": (read_bag, BagNotReadable),

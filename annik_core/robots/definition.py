@@ -15,8 +15,8 @@ _LARGEST = 1e6
 #: Least divisor allowed.
 _SMALLEST = 1e-9
 #: Units of a joint position, in rad or m.
-_ANGLES = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0, "\N{DEGREE SIGN}": math.pi / 180.0}
-_LENGTHS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+ANGLE_UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0, "\N{DEGREE SIGN}": math.pi / 180.0}
+LENGTH_UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 def checked_name(value: object, what: str, source: str) -> str:
@@ -54,7 +54,7 @@ def checked_interval(
         InvalidRobotDefinition: if it is anything else, or not finite, or empty.
     """
     what = f"joint_box of {joint}"
-    units = _LENGTHS if joint_type == "prismatic" else _ANGLES
+    units = LENGTH_UNITS if joint_type == "prismatic" else ANGLE_UNITS
     bounds = [math.nan, math.nan]
     if isinstance(value, (list, tuple)) and len(value) == 2:
         bounds = [

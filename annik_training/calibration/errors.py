@@ -22,6 +22,43 @@ class NotMeasured(CalibrationError):
         )
 
 
+class UnreadableMeasurements(CalibrationError):
+    """A file of measurements is missing, or a line, counted from 1, or a column of it is wrong."""
+
+    def __init__(
+        self,
+        path: Path,
+        problem: str,
+        line: int | None = None,
+        column: str | None = None,
+        value: str | None = None,
+    ) -> None:
+        self.path = path
+        self.problem = problem
+        self.line = line
+        self.column = column
+        self.value = value
+        place = str(path) if line is None else f"{path}, line {line}"
+        what = "" if column is None else f"column {column!r} "
+        what += "" if value is None else f"is {value!r}: "
+        super().__init__(f"measurements {place}: {what}{problem}")
+
+
+class UnlikelyUnits(CalibrationError):
+    """Numbers of a file are of a size that only another unit explains."""
+
+    def __init__(self, path: Path, what: str, given: str, likely: str) -> None:
+        self.path = path
+        self.what = what
+        self.given = given
+        self.likely = likely
+        kind = "length" if likely in ("m", "cm", "mm") else "angle"
+        super().__init__(
+            f"measurements {path}: {what} are read in {given}, and must be in {likely} by their "
+            f"size: give --{kind}-unit {likely}, or name the unit in the header, as in x_mm"
+        )
+
+
 class TooFewMeasurements(CalibrationError):
     """There are fewer measured poses, without outliers, than the geometry needs."""
 
