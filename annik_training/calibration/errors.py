@@ -59,6 +59,15 @@ class UnlikelyUnits(CalibrationError):
         )
 
 
+class InvalidMeasurements(CalibrationError):
+    """Arrays of measurements don't fit each other."""
+
+    def __init__(self, name: str, problem: str) -> None:
+        self.name = name
+        self.problem = problem
+        super().__init__(f"measurements: {name}: {problem}")
+
+
 class TooFewMeasurements(CalibrationError):
     """There are fewer measured poses, without outliers, than the geometry needs."""
 
