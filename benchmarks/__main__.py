@@ -14,6 +14,10 @@ BENCHMARKS = {
     "fit_methods": ("benchmarks.fit_methods", "Ways to fit the paper's network."),
     "solve_time": ("benchmarks.solve_time", "The time of a solve, part by part."),
     "learn_robot": ("benchmarks.learn_robot", "Calibrate simulated UR5es: an hour."),
+    "calibrate": (
+        "benchmarks.calibrate.command",
+        "Calibrate real arms from public measurements, by annik and by others.",
+    ),
     "ik": ("benchmarks.ik.command", "Inverse kinematics beside the solvers of others."),
     "node": ("benchmarks.node.command", "ik_node beside a node that does nothing: half an hour."),
 }

@@ -1,0 +1,1 @@
+"""Calibrations of real arms beside each other, in the same splits of public measurements."""
