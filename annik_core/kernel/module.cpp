@@ -8,11 +8,16 @@
 #include <cstdint>
 #include <cstdlib>
 #include <new>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <system_error>
 #include <thread>
+#include <tuple>
+#include <utility>
+#include <vector>
 
+#include "network.hpp"
 #include "search.hpp"
 
 namespace py = pybind11;
@@ -52,6 +57,10 @@ Joints joints_from(const double* numbers, py::ssize_t count) {
   Joints joints{};
   std::copy_n(numbers, count, joints.begin());
   return joints;
+}
+
+std::vector<double> numbers_of(const Array& array) {
+  return {array.data(), array.data() + array.size()};
 }
 
 // Row by row.
@@ -214,8 +223,8 @@ class PyChain : public Object {
     check_shape(bias, {dof(), hidden}, "biases");
     check_shape(output, {dof(), hidden}, "output_weights");
     chain_.joint_scaling = scaling_of(part);
-    chain_.joint_networks = JointNetworks{static_cast<std::size_t>(hidden), numbers(input),
-                                          numbers(bias), numbers(output)};
+    chain_.joint_networks = JointNetworks{static_cast<std::size_t>(hidden), numbers_of(input),
+                                          numbers_of(bias), numbers_of(output)};
   }
 
   void set_pose_network(const py::object& part) {
@@ -226,7 +235,7 @@ class PyChain : public Object {
     check_shape(bias, {hidden}, "biases");
     check_shape(output, {6, hidden}, "output_weights");
     chain_.pose_scaling = scaling_of(part);
-    PoseNetwork network{static_cast<std::size_t>(hidden), numbers(input), numbers(bias), {}};
+    PoseNetwork network{static_cast<std::size_t>(hidden), numbers_of(input), numbers_of(bias), {}};
     for (py::ssize_t unit = 0; unit < hidden; ++unit)
       for (py::ssize_t row = 0; row < 6; ++row) network.output.push_back(*output.data(row, unit));
     chain_.pose_network = std::move(network);
@@ -243,11 +252,60 @@ class PyChain : public Object {
     return {joints_from(centre.data(), dof()), joints_from(half_width.data(), dof())};
   }
 
-  static std::vector<double> numbers(const Array& array) {
-    return {array.data(), array.data() + array.size()};
+  Chain chain_;
+};
+
+// A feedforward network as Python sees it. It never changes, so threads may share it.
+class PyNetwork : public Object {
+ public:
+  // Of each layer: the vectors that it takes and that it adds to its output, or None; 0 is the
+  // network's input, 1 the first layer's output; its weights (outputs, inputs), its bias
+  // (outputs,), and whether it ends in tanh.
+  using LayerOfPython = std::tuple<std::size_t, std::optional<std::size_t>, Array, Array, bool>;
+
+  PyNetwork(std::size_t inputs, const std::vector<LayerOfPython>& layers) {
+    if (inputs < 1 || inputs > MOST || layers.empty() || layers.size() > MOST)
+      throw std::invalid_argument("a network has 1 to 1,000 inputs and layers");
+    std::vector<std::pair<std::size_t, std::size_t>> vectors{{0, inputs}};  // begin, size
+    network_.inputs = network_.values = inputs;
+    for (const auto& [source, addend, weights, bias, bends] : layers) {
+      const py::ssize_t rows = bias.ndim() == 1 ? bias.shape(0) : 0;
+      if (source >= vectors.size() || addend.value_or(0) >= vectors.size())
+        throw std::invalid_argument("a layer takes only what is computed before it");
+      const auto [begin, size] = vectors[source];
+      const auto [added, length] = vectors[addend.value_or(0)];
+      if (rows < 1 || rows > static_cast<py::ssize_t>(MOST))
+        throw std::invalid_argument("a layer has 1 to 1,000 outputs");
+      check_shape(weights, {rows, static_cast<py::ssize_t>(size)}, "weights");
+      if (addend && length != static_cast<std::size_t>(rows))
+        throw std::invalid_argument("a layer adds a vector as long as its output");
+      network_.layers.push_back({begin, added, network_.values, size,
+                                 static_cast<std::size_t>(rows), addend.has_value(), bends,
+                                 numbers_of(weights), numbers_of(bias)});
+      vectors.emplace_back(network_.values, rows);
+      network_.values += rows;
+    }
   }
 
-  Chain chain_;
+  Array run(const Array& input) const {
+    constructed(static_cast<py::ssize_t>(network_.inputs));
+    check_shape(input, {static_cast<py::ssize_t>(network_.inputs)}, "input");
+    Array output(outputs());
+    network_.run(input.data(), output.mutable_data());
+    return output;
+  }
+
+  const Network& network() const {
+    constructed(static_cast<py::ssize_t>(network_.inputs));
+    return network_;
+  }
+
+  py::ssize_t outputs() const { return network_.layers.back().outputs; }
+
+ private:
+  static constexpr std::size_t MOST = 1000;
+
+  Network network_;
 };
 
 // The bound of a calibrated robot's pose error, as robots/corrections.py describes it.
@@ -409,6 +467,18 @@ class PyBoundSolve : public Object {
     return std::move(target);
   }
 
+  // :meth:`prepare`, a network of the kernel, and :meth:`finish`: target and what that gives.
+  py::object solve(const PyNetwork& network, const py::object& pose) {
+    py::object target = prepare(pose);
+    if (target.is_none()) return target;
+    if (network.network().inputs != 13 || network.outputs() != dof_)
+      throw std::invalid_argument("the network must have 13 inputs, and one output a joint");
+    network.network().run(features_, output_.mutable_data());
+    py::object found = finish(py::reinterpret_borrow<Array>(target));
+    if (found.is_none()) return found;
+    return py::make_tuple(std::move(target), std::move(found));
+  }
+
   // Joint positions, residuals and steps for the network's output, or None if a check may refuse.
   py::object finish(const Array& target) const {
     constructed(dof_);
@@ -543,6 +613,9 @@ PYBIND11_MODULE(compiled, module) {
       .def("jacobians", &PyChain::jacobians)
       .def("linearise", &PyChain::linearise)
       .def("residuals", &PyChain::residuals);
+  py::class_<PyNetwork>(module, "Network")
+      .def(py::init<std::size_t, const std::vector<PyNetwork::LayerOfPython>&>())
+      .def("run", &PyNetwork::run);
   py::class_<PyErrorBound>(module, "ErrorBound")
       .def(py::init<const Array&, const Array&, const Array&>())
       .def("at", &PyErrorBound::at);
@@ -556,6 +629,7 @@ PYBIND11_MODULE(compiled, module) {
            py::arg(), py::arg().noconvert(), py::arg().noconvert(), py::arg(), py::arg(),
            py::arg(), py::arg(), py::arg(), py::arg(), py::arg())
       .def("prepare", &PyBoundSolve::prepare)
+      .def("solve", &PyBoundSolve::solve)
       .def("finish", &PyBoundSolve::finish);
   py::class_<PySearch>(module, "Search")
       .def(py::init<const PyRefinement&, std::size_t, double>())

@@ -12,6 +12,7 @@ import onnxruntime
 from annik_core.errors import RobotMismatch
 from annik_core.files import read_regular_file
 from annik_core.installation import model_path, nearest_first, packaged_models
+from annik_core.kernel import compiled_kernel
 from annik_core.model.errors import (
     InvalidGraph,
     InvalidMetadata,
@@ -23,9 +24,11 @@ from annik_core.model.errors import (
 from annik_core.model.graph import (
     INPUT_NAME,
     OUTPUT_NAME,
+    LayerOfGraph,
     check_graph,
     graph_of,
     graph_properties,
+    layers_of,
     nodes_after,
     parsed_graph,
 )
@@ -61,6 +64,9 @@ class Model:
 
     ``encoding`` and ``after_features`` are for one pose: its encoding in plain floats, and the
     part of the graph after it; None where plain floats do not compute that encoding.
+    ``start_network`` is that part in the compiled kernel, where it is one of layers with tanh.
+    It is for starts of a refinement: where the network's output is the answer, onnxruntime
+    computes it.
     """
 
     path: Path
@@ -70,6 +76,7 @@ class Model:
     session: onnxruntime.InferenceSession
     encoding: PlainEncoding | None = None
     after_features: BoundSession | None = None
+    start_network: Any = None
 
     def joint_positions(self, poses: FloatArray) -> FloatArray:
         """The network's joint positions ``(n, dof)`` [rad or m], unchecked, for ``(n, 7)``.
@@ -192,7 +199,8 @@ def checked_model(content: bytes, path: Path) -> Model:
     encoding = PLAIN_ENCODINGS.get(metadata.encoding)
     if encoding is None or None in map(encoding.features, _references(model)):
         return model
-    return _with_plain_encoding(model, encoding, graph_of(nodes, metadata.features, graph))
+    model = _with_plain_encoding(model, encoding, graph_of(nodes, metadata.features, graph))
+    return _with_start_network(model, encoding, layers_of(nodes, metadata.features, graph, path))
 
 
 def _robot(metadata: ModelMetadata, path: Path) -> Robot:
@@ -251,6 +259,19 @@ def _with_plain_encoding(model: Model, encoding: PlainEncoding, after_features: 
     except NetworkFailed as error:
         raise InvalidMetadata(path, "features", error.problem) from error
     return faster
+
+
+def _with_start_network(
+    model: Model, encoding: PlainEncoding, layers: list[LayerOfGraph] | None
+) -> Model:
+    """The model with its network in the kernel, if it can be, compared with the references."""
+    if compiled_kernel() is None or layers is None:
+        return model
+    network = compiled_kernel().Network(encoding.width, layers)
+    features = map(encoding.features, _references(model))
+    found = [network.run(np.frombuffer(row)) for row in features if row is not None]
+    _compare(model, "reference_joint_positions", np.array(found))
+    return replace(model, start_network=network)
 
 
 def _references(model: Model) -> FloatArray:

@@ -7,13 +7,14 @@ before onnxruntime sees the graph, which computes constants while it loads.
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from google.protobuf import descriptor_pb2, message_factory
 from numpy.typing import NDArray
 
 from annik_core.model.errors import InvalidGraph, InvalidMetadata, UnreadableModel
+from annik_core.pose import FloatArray
 
 INPUT_NAME = "pose"
 OUTPUT_NAME = "joint_positions"
@@ -225,6 +226,51 @@ def graph_of(nodes: list[Any], features: str, model: Any) -> Any:
         tensor_type.shape.dim.add(dim_param=name)
     part.graph.output.extend(model.graph.output)
     return part
+
+
+class LayerOfGraph(NamedTuple):
+    """One layer of a feedforward network: ``weights @ source + bias + addend``, then perhaps tanh.
+
+    Attributes:
+        source, addend: 0 for the network's input, 1 for the first layer's output, and so on.
+        weights: ``(outputs, inputs)``.
+        bias: ``(outputs,)``, zero where there is none.
+    """
+
+    source: int
+    addend: int | None
+    weights: FloatArray
+    bias: FloatArray
+    bends: bool
+
+
+def layers_of(
+    nodes: list[Any], features: str, model: Any, path: Path
+) -> list[LayerOfGraph] | None:
+    """The nodes of :func:`nodes_after` as layers of one pose; None if they are something else."""
+    constants = {x.name: tensor_values(x, path) for x in model.graph.initializer}
+    vectors = {features: 0}
+    layers: list[LayerOfGraph] = []
+    for node in nodes:
+        attributes = {x.name: x.f or x.i for x in node.attribute}
+        if node.op_type == "Tanh" and vectors.get(node.input[0]) == len(layers) > 0:
+            # The layer's output before tanh is then no vector any more.
+            del vectors[node.input[0]]
+            layers[-1] = layers[-1]._replace(bends=True)
+        elif node.op_type == "Gemm" and len(node.input) == 3:
+            source, weights, added = node.input
+            scaled = attributes.get("alpha", 1.0) != 1.0 or attributes.get("beta", 1.0) != 1.0
+            if scaled or source not in vectors or weights not in constants:
+                return None
+            matrix = constants[weights] if attributes.get("transB") else constants[weights].T
+            bias = constants.get(added, np.zeros(len(matrix)))
+            if added not in {**constants, **vectors} or bias.shape != (len(matrix),):
+                return None
+            layers.append(LayerOfGraph(vectors[source], vectors.get(added), matrix, bias, False))
+        else:
+            return None
+        vectors[node.output[0]] = len(layers)
+    return layers
 
 
 def _check_attribute(attribute: Any, path: Path) -> None:

@@ -301,10 +301,10 @@ class IkSolver:
         return results
 
     @cached_property
-    def _steps(self) -> tuple[Any, Callable[[], None], Any] | None:
-        """How one target is solved in the kernel: before the network, the network, after it.
+    def _solved_in_kernel(self) -> Callable[[ArrayLike], Any] | None:
+        """Target and solution of one pose in the kernel; None if this solver's targets can't be.
 
-        None if this solver's targets can't be.
+        What the kernel is not certain of gives None too.
         """
         robot, limits, network = self.robot, self.limits, self.artifact.after_products
         if not self.refines or not isinstance(self._refinement, CompiledRefinement):
@@ -325,24 +325,29 @@ class IkSolver:
             *(limits.max_position_residual, limits.max_orientation_residual),
             CERTAIN_NORM,
         )
-        return bound.prepare, partial(self.artifact.run, network), bound.finish
+        if self.artifact.start_network is not None:
+            return partial(bound.solve, self.artifact.start_network)
+
+        def solve(pose: ArrayLike) -> Any:
+            target = bound.prepare(pose)
+            if target is None:
+                return None
+            self.artifact.run(network)
+            found = bound.finish(target)
+            return None if found is None else (target, found)
+
+        return solve
 
     def _certain_result(self, pose: ArrayLike, context: CommandContext) -> IkResult | None:
         """The result, if the kernel is certain of target and solution; otherwise None.
 
         What it is not certain of may be refused, and :meth:`solve` goes on to say why.
         """
-        if self._steps is None:
+        solve = self._solved_in_kernel
+        solved = None if solve is None else solve(pose)
+        if solved is None:
             return None
-        prepare, run, finish = self._steps
-        target = prepare(pose)
-        if target is None:
-            return None
-        run()
-        found = finish(target)
-        if found is None:
-            return None
-        positions, distance, angle, steps = found
+        target, (positions, distance, angle, steps) = solved
         if context is not self._alone:
             candidate = Candidate(self.robot, target, positions, (distance, angle), steps)
             for check in MOTION_CHECKS:

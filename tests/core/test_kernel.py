@@ -357,6 +357,32 @@ class TestBadInput:
             with pytest.raises((TypeError, ValueError)):
                 compiled_kernel().BoundSolve(refinement, input_row, output_row, *rest)
 
+    @pytest.mark.parametrize(
+        ("inputs", "layers"),
+        [
+            (0, [(0, None, np.ones((2, 3)), np.ones(2), True)]),
+            (3, []),
+            (3, [(1, None, np.ones((2, 3)), np.ones(2), True)]),
+            (3, [(0, 1, np.ones((2, 3)), np.ones(2), True)]),
+            (3, [(0, 0, np.ones((2, 3)), np.ones(2), True)]),
+            (3, [(0, None, np.ones((2, 4)), np.ones(2), True)]),
+            (3, [(0, None, np.ones((0, 3)), np.ones(0), True)]),
+            (3, [(0, None, np.ones((1001, 3)), np.ones(1001), True)]),
+        ],
+    )
+    def test_layers_that_make_no_network(self, inputs: int, layers: list[object]) -> None:
+        with pytest.raises(ValueError):
+            compiled_kernel().Network(inputs, layers)
+
+    def test_a_network_of_another_robot(self) -> None:
+        limits = self.robot.joint_limits
+        rest = (np.zeros(3), 2.0, limits.lower, limits.upper, 1e-3, 1e-3, 1e-3)
+        memory = np.zeros(13), np.zeros(6)
+        bound = compiled_kernel().BoundSolve(self.refinement().compiled, *memory, *rest)
+        layer = (0, None, np.ones((5, 13)), np.ones(5), False)
+        with pytest.raises(ValueError, match="output"):
+            bound.solve(compiled_kernel().Network(13, [layer]), self.target)
+
     def test_poses_that_are_none_are_left_to_python(self) -> None:
         memory = np.zeros(13), np.zeros(6)
         limits = self.robot.joint_limits

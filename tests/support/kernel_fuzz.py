@@ -153,6 +153,21 @@ class Draw:
             del parts[self.one_of(tuple(parts))]
         return SimpleNamespace(**parts)
 
+    def layers(self, dof: int) -> Any:
+        """Layers from 13 numbers to those of the joints, now and then such as do not fit."""
+        first = self.one_of((1,) * 10 + (0, -1))
+        return [
+            (0, None, self.array(4, 13), self.array(4), self.chance(0.5)),
+            (first, self.one_of((None, None, 1, 1, 1, 3)), self.array(4, 4), self.array(4), True),
+            (self.number(2), None, self.array(dof, 4), self.array(dof), self.number(False)),
+        ]
+
+    def network_of(self, dof: int) -> Any:
+        if self.chance(0.05):
+            return self.one_of(NO_ARRAYS)
+        weights = self.rng.normal(size=(dof, 13))
+        return compiled_kernel().Network(13, [(0, None, weights, np.zeros(dof), True)])
+
     def wrapped(self, dof: int) -> Any:
         count = int(self.rng.integers(0, 3))
         known = tuple(self.rng.integers(0, dof, count).tolist())
@@ -186,6 +201,7 @@ CONSTRUCTORS: Mapping[str, Callable[[Draw, int, Callable[[str], Any]], tuple[Any
         draw.array(dof),
         draw.array(2, 1 + dof + dof * (dof + 1) // 2),
     ),
+    "Network": lambda draw, dof, _: (draw.number(13), draw.layers(dof)),
     "BoundSolve": lambda draw, dof, alive: (
         alive("Refinement"),
         draw.array(13),
@@ -222,9 +238,11 @@ METHODS: Mapping[str, Mapping[str, Callable[[Draw, int], tuple[Any, ...]]]] = {
         ),
     },
     "ErrorBound": {"at": lambda draw, dof: (draw.joints(dof),)},
+    "Network": {"run": lambda draw, _: (draw.array(13),)},
     "BoundSolve": {
         "prepare": lambda draw, _: (draw.pose(),),
         "finish": lambda draw, _: (draw.pose(),),
+        "solve": lambda draw, dof: (draw.network_of(dof), draw.pose()),
     },
     "Search": {
         "first": lambda draw, dof: (draw.pose(), draw.starts(dof), draw.one_of((0, 1, 40, -1))),
