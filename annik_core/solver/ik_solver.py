@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from annik_core.errors import InvalidValue, NonFiniteValue, NotUnitQuaternion
 from annik_core.kernel import compiled_kernel
@@ -34,6 +34,7 @@ from annik_core.safety import (
 )
 from annik_core.solver.result import (
     IkResult,
+    IkResults,
     RefinementOptions,
     RefinementResult,
     RefinementResults,
@@ -258,47 +259,57 @@ class IkSolver:
         starts = self.artifact.joint_positions_at(target)[np.newaxis]
         return starts[np.isfinite(starts).all(axis=1)]
 
-    def solve_batch(self, poses: ArrayLike, threads: int | None = None) -> list[IkResult]:
+    def solve_batch(self, poses: ArrayLike, threads: int | None = None) -> Sequence[IkResult]:
         """Results for many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them.
 
         All poses go through network, refinement and checks together, which is quicker, on some
         threads, by default as many as there are cores for this process. The solutions may differ
         from those of one pose at a time by rounding. A pose that does not pass every check in this
         way is checked by itself, so a refusal and its reason are those of :meth:`solve`.
+
+        Returns:
+            A list, or, where solutions are refined, :class:`annik_core.solver.result.IkResults`,
+            which has the joint positions as an array too.
         """
         targets = np.array(poses, dtype=np.float64)
         if self.whole_robot is not None or targets.ndim != 2 or targets.shape[1] != 7:
             return [self.solve(pose) for pose in targets]
         threads = threads or usable_cores()
-        results: list[Any] = [None] * len(targets)
+        others: dict[int, IkResult] = {}
         usable = normalise_rows(targets) & self.robot.workspace.plainly_inside(targets)
         shown, resolved = targets.copy(), dict[int, ResolvedTarget]()
         for row in np.flatnonzero(~usable).tolist():
             checked = self._checked(targets[row], None)
             if isinstance(checked, Refusal):
-                results[row] = IkResult.refused(checked)
+                others[row] = IkResult.refused(checked)
+                # Another pose in its place, so that all rows can be computed.
+                targets[row] = shown[row] = self._some_pose
                 continue
-            usable[row], targets[row], resolved[row] = True, *checked
+            targets[row], resolved[row] = checked
             shown[row] = resolved[row].pose
-        rows = np.flatnonzero(usable)
-        if not len(rows):
-            return results
-        goals, solutions = targets[rows], self._network(shown[rows], threads)
-        refined: RefinementResults | None = None
-        accepted: list[IkResult | None] = [None] * len(rows)
-        if self.refines:
-            refined = self._refinement.refine_batch(solutions, goals, threads)
-            accepted = self._accepted(goals, solutions, refined)
-            if len(rows) == len(targets) and not resolved and None not in accepted:
-                return accepted  # type: ignore[return-value]
-        for index, row in enumerate(rows.tolist()):
-            if row not in resolved and accepted[index] is not None:
-                results[row] = accepted[index]
-                continue
-            target = resolved.get(row) or ResolvedTarget(goals[index], None, NO_REFERENCE)
-            one = None if refined is None else refined.row(index)
-            results[row] = self._result(goals[index], target, solutions[index], self._alone, one)
-        return results
+        solutions = self._network(shown, threads)
+        if not self.refines:
+            rows = range(len(targets))
+            alone = (resolved.get(row) or _as_it_is(targets[row]) for row in rows)
+            return [
+                others.get(row) or self._result(targets[row], target, solutions[row], self._alone)
+                for row, target in zip(rows, alone, strict=True)
+            ]
+        refined = self._refinement.refine_batch(solutions, targets, threads)
+        accepted, errors = self._accepted(solutions, refined)
+        for row in {*np.flatnonzero(~accepted).tolist(), *resolved} - {*others}:
+            target = resolved.get(row) or _as_it_is(targets[row])
+            one = refined.row(row)
+            others[row] = self._result(targets[row], target, solutions[row], self._alone, one)
+        return IkResults(targets, refined, errors, others)
+
+    @cached_property
+    def _some_pose(self) -> FloatArray:
+        """A pose ``(7,)`` inside the workspace."""
+        pose: FloatArray = self.robot.forward_kinematics.poses(self.robot.joint_box.centre[None])[
+            0
+        ]
+        return pose
 
     @cached_property
     def _solved_in_kernel(self) -> Callable[[ArrayLike], Any] | None:
@@ -371,11 +382,10 @@ class IkSolver:
             return np.concatenate(list(pool.map(self.artifact.joint_positions, parts)))
 
     def _accepted(
-        self, targets: FloatArray, solutions: FloatArray, refined: RefinementResults
-    ) -> list[IkResult | None]:
-        """Results for targets ``(n, 7)``; None where a check may refuse."""
+        self, solutions: FloatArray, refined: RefinementResults
+    ) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Rows that no check refuses for certain ``(n,)``, and expected errors ``(n, 2)``."""
         robot, positions = self.robot, refined.joint_positions
-        positions.setflags(write=False)
         residuals = np.column_stack([refined.position_residual, refined.orientation_residual])
         errors = np.full((len(positions), 2), math.nan)
         with np.errstate(invalid="ignore"):
@@ -384,14 +394,7 @@ class IkSolver:
                 errors = robot.error_bound.of_rows(near)
         good = surely_accepted(robot, self.limits, positions, residuals, refined.converged, errors)
         good &= np.isfinite(solutions).all(axis=1) & (near == positions).all(axis=1)
-        numbers = residuals.tolist(), refined.newton_steps.tolist(), errors.tolist()
-        results: list[IkResult | None] = []
-        for accepted, found, target, (distance, angle), steps, expected in zip(
-            good.tolist(), positions, targets, *numbers, strict=True
-        ):
-            one = (IkStatus.SUCCESS, found, distance, angle, steps, "", target, NO_REFERENCE)
-            results.append(IkResult(*one, *expected) if accepted else None)
-        return results
+        return good, errors
 
     @cached_property
     def _alone(self) -> CommandContext:
@@ -491,6 +494,11 @@ class IkSolver:
         if robot.turning:
             _unwrap(candidate, previous)
         return candidate
+
+
+def _as_it_is(target: FloatArray) -> ResolvedTarget:
+    """A target that leaves no choice."""
+    return ResolvedTarget(target, None, NO_REFERENCE)
 
 
 def _unwrap(candidate: Candidate, previous: FloatArray | None) -> None:

@@ -1,13 +1,15 @@
 """Options of a solver, and what it returns for every target, accepted or refused."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray, Numbers
+from annik_core.robots.robot import NO_REFERENCE
 from annik_core.safety import UNKNOWN, IkStatus, Refusal
 from annik_core.settings import CheckedSettings, setting
 
@@ -133,3 +135,60 @@ class IkResult:
     ) -> "IkResult":
         """A refusal; ``residuals``: distance [m] and angle [rad] to the target, if computed."""
         return cls(refusal.status, None, *residuals, newton_steps, refusal.reason)
+
+
+class IkResults(Sequence[IkResult]):
+    """Results of n targets, in their order: a sequence, and the same as arrays.
+
+    Attributes:
+        accepted: ``(n,)`` whether the joint positions may be commanded.
+        joint_positions: ``(n, dof)`` [rad or m], NaN where the target was refused. Read-only.
+    """
+
+    def __init__(
+        self,
+        targets: FloatArray,
+        refined: RefinementResults,
+        expected_errors: FloatArray,
+        others: Mapping[int, IkResult],
+    ) -> None:
+        """From the columns of accepted solutions, and results that take the place of some rows.
+
+        Args:
+            targets: ``(n, 7)``, checked.
+            refined: of them.
+            expected_errors: ``(n, 2)`` [m], [rad].
+            others: by row.
+        """
+        self._targets, self._refined, self._errors = targets, refined, expected_errors
+        self._others = others
+        self.joint_positions = refined.joint_positions
+        self.accepted = np.ones(len(targets), np.bool_)
+        for row, result in others.items():
+            self.accepted[row] = result.accepted
+            positions = result.joint_positions
+            self.joint_positions[row] = math.nan if positions is None else positions
+        for array in (self.joint_positions, self.accepted, targets):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        """How many targets there were."""
+        return len(self._targets)
+
+    @overload
+    def __getitem__(self, index: int) -> IkResult: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[IkResult]: ...
+    def __getitem__(self, index: int | slice) -> IkResult | list[IkResult]:
+        """The result of one target, or those of several."""
+        if isinstance(index, slice):
+            return [self[row] for row in range(len(self))[index]]
+        row = range(len(self))[index]
+        other = self._others.get(row)
+        if other is not None:
+            return other
+        one = self._refined.row(row)
+        return IkResult(
+            *(IkStatus.SUCCESS, *one[:-1], ""),
+            *(self._targets[row], NO_REFERENCE, *self._errors[row].tolist()),
+        )

@@ -29,7 +29,7 @@ from annik_core.safety import (
     surely_accepted,
 )
 from annik_core.solver.ik_solver import IkSolver
-from annik_core.solver.result import IkResult, RefinementOptions
+from annik_core.solver.result import IkResult, IkResults, RefinementOptions
 
 ARMS = ("iiwa14", "panda", "puma560", "scara", "ur5e", "xarm6")
 
@@ -161,6 +161,27 @@ def test_a_batch_within_limits(model: Model) -> None:
         solver = IkSolver(model, limits, refinement_options=options)
         for found, pose in zip(solver.solve_batch(poses), poses, strict=True):
             check_same(found, solver.solve(pose), 1e-9, reason=False)
+
+
+def test_a_batch_is_arrays_too() -> None:
+    """Refused ones are rows of NaN; no array can be altered."""
+    solver = IkSolver.from_file("ur5e")
+    poses = solver.robot.forward_kinematics.poses(solver.robot.joint_box.centre[np.newaxis])
+    results = solver.solve_batch(np.concatenate([poses, np.full((1, 7), np.nan), poses * 9]))
+    assert isinstance(results, IkResults)
+    assert results.accepted.tolist() == [True, False, False]
+    assert [result.accepted for result in results] == [True, False, False]
+    assert np.array_equal(results.joint_positions[0], results[0].joint_positions)
+    assert np.isnan(results.joint_positions[1:]).all()
+    assert [result.status for result in results[-2:]] == [
+        IkStatus.NOT_FINITE,
+        IkStatus.NOT_UNIT_QUATERNION,
+    ]
+    with pytest.raises(IndexError):
+        results[3]
+    for array in (results.joint_positions, results[0].joint_positions, results.accepted):
+        assert array is not None
+        assert not array.flags.writeable
 
 
 def test_a_batch_is_not_the_callers_array(model: Model) -> None:
