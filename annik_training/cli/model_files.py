@@ -10,7 +10,9 @@ from rich.table import Table
 
 from annik_core.files import write_file
 from annik_core.model.artifact import load_model
+from annik_core.robots.calibrated_urdf import calibrated_urdf
 from annik_core.robots.description import robot_urdf
+from annik_training.calibration.errors import NotCalibrated
 from annik_training.cli.options import FILE, PATH
 
 _LONG = ("robot", "reference_poses", "reference_joint_positions")
@@ -36,15 +38,23 @@ def info(model: Path) -> None:
 @click.command()
 @click.argument("model", type=PATH)
 @click.option("--out", type=FILE, help="The file to write (.urdf); by default it is printed.")
-def export_urdf(model: Path, out: Path | None) -> None:
+@click.option(
+    "--calibrated",
+    is_flag=True,
+    help="With the geometric part of a calibration; a comment says how much that leaves out.",
+)
+def export_urdf(model: Path, out: Path | None, calibrated: bool) -> None:
     """Write the URDF of a model's robot, for RViz and robot_state_publisher.
 
     MODEL is a model file or the name of a packaged model. The robot is drawn as sticks, and is as
-    described: without the corrections of a calibration.
+    described: without the corrections of a calibration, unless --calibrated asks for them.
     """
-    urdf = robot_urdf(load_model(model).robot)
+    robot = load_model(model).robot
+    if calibrated and "corrections" not in robot.definition:
+        raise NotCalibrated(robot.name)
+    urdf = calibrated_urdf(robot) if calibrated else robot_urdf(robot)
     if out is None:
         click.echo(urdf)
     else:
-        write_file(out, f"{urdf}\n")
+        write_file(out, f"{urdf.rstrip()}\n")
         click.echo(f"wrote {out}")

@@ -10,18 +10,27 @@ from rich.markup import escape
 from rich.table import Table
 
 from annik_core.files import write_file
+from annik_core.robots.calibrated_urdf import with_ur_calibration
 from annik_core.robots.definition import number_text
 from annik_core.robots.urdf_joint import CONTINUOUS_LIMIT
-from annik_training.cli.options import FILE, chosen_robot, robot_argument
+from annik_training.cli.options import FILE, PATH, chosen_robot, robot_argument
 from annik_training.joint_box import findings
 
 
 @click.command()
 @robot_argument
 @click.option("--save", type=FILE, help="Also write the definition (.yaml): robot, frames, box.")
-def robot(save: Path | None, **choices: Any) -> None:
+@click.option(
+    "--ur-calibration",
+    type=PATH,
+    help="Of an arm of Universal Robots: its factory calibration, the kinematics file (.yaml) of "
+    "ur_calibration.",
+)
+def robot(save: Path | None, ur_calibration: Path | None, **choices: Any) -> None:
     """Show a robot's joints, frames and joint box, and the branches in the box."""
     shown = chosen_robot(choices)
+    if ur_calibration is not None:
+        shown = with_ur_calibration(shown, ur_calibration)
     title = escape(f"{shown.name}: LOWER:UPPER in rad and m")
     table = Table("joint", "type", "limits", "joint box", title=title)
     limits, box = (

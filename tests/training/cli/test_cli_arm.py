@@ -7,6 +7,7 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -152,6 +153,34 @@ def test_a_joint_box_in_degrees_and_millimetres(arm: Path) -> None:
     box = yaml.safe_load(Path("boxed.yaml").read_text())["joint_box"]
     assert box["joint3"] == pytest.approx([0.05, 0.15])
     assert box["joint1"] == [-np.pi / 2, np.pi / 2]
+
+
+def test_a_factory_calibration_is_part_of_what_is_saved(tmp_path: Path) -> None:
+    origin = "{x: 0.0, y: 0.0, z: 0.163, roll: 0.0, pitch: 0.0, yaw: 0.001}"
+    joints = {
+        joint.get("name"): joint.find("origin")
+        for joint in ElementTree.fromstring(load_robot("ur5e").definition["urdf"]).iter("joint")
+    }
+    links = {"shoulder": yaml.safe_load(origin)}
+    for link, name in (
+        ("upper_arm", "shoulder_lift_joint"),
+        ("forearm", "elbow_joint"),
+        *((f"wrist_{number}", f"wrist_{number}_joint") for number in (1, 2, 3)),
+    ):
+        numbers = " ".join(joints[name].get(key) for key in ("xyz", "rpy")).split()
+        keys = ("x", "y", "z", "roll", "pitch", "yaw")
+        links[link] = dict(zip(keys, map(float, numbers), strict=True))
+    (tmp_path / "factory.yaml").write_text(yaml.safe_dump({"kinematics": links}), "utf-8")
+    result = invoke(
+        *("robot", "ur5e", "--ur-calibration", tmp_path / "factory.yaml"),
+        *("--save", tmp_path / "own.yaml"),
+    )
+    assert result.exit_code == 0, result.output
+    own, usual = load_robot(tmp_path / "own.yaml"), load_robot("ur5e")
+    joint_positions = usual.joint_box.sample(5, np.random.default_rng(0))
+    here, there = (one.forward_kinematics.poses(joint_positions) for one in (own, usual))
+    assert np.allclose(here[:, 2] - there[:, 2], 5e-4)
+    assert np.array_equal(own.joint_box.lower, usual.joint_box.lower)
 
 
 @pytest.mark.parametrize("source", ["arm.urdf", "ur5e", "panda", "gantry"])

@@ -19,6 +19,7 @@ from annik_core.dataset import Dataset, save_dataset
 from annik_core.errors import RobotMismatch
 from annik_core.model.artifact import load_model
 from annik_core.model.errors import InvalidMetadata
+from annik_core.robots.calibrated_urdf import geometric_robot
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.safety import IkStatus
@@ -121,6 +122,19 @@ class TestCalibrate:
         assert made.summary["position_only"] is False
         assert len(made.summary["candidates"]) == 5
         assert "elbow_joint: offset along the axis" in made.summary["unidentified"]
+
+    def test_its_urdf_is_calibrated_or_as_described(self, made: Made, tmp_path: Path) -> None:
+        for options, like in (
+            (("--calibrated",), geometric_robot(load_model(made.model).robot)),
+            ((), UR5E),
+        ):
+            path = tmp_path / "arm.urdf"
+            result = invoke("export-urdf", made.model, "--out", path, *options)
+            assert result.exit_code == 0, result.output
+            joint_positions = UR5E.joint_box.sample(10, np.random.default_rng(0))
+            poses = load_robot(path).forward_kinematics.poses(joint_positions)
+            expected = like.forward_kinematics.poses(joint_positions)
+            assert np.allclose(poses[:, :3], expected[:, :3], atol=1e-9)
 
     def test_info_shows_the_model(self, made: Made) -> None:
         result = invoke("info", made.model)
@@ -258,6 +272,7 @@ class TestEvaluate:
         (("evaluate", "MODEL", "--measured", "MEASURED"), "calibrated with these 40 poses"),
         (("evaluate", "ur5e", "--measured", "MEASURED"), "for ur5e as described"),
         (("evaluate", "gantry", "--measured", "MEASURED"), "for gantry as described"),
+        (("export-urdf", "ur5e", "--calibrated"), "for ur5e as described"),
         (("evaluate", "MODEL", "--measured", "XARM"), "belongs to robot xarm6 (joint1, "),
         (("evaluate", "MODEL", "--measured", "none.npz"), "no such file"),
         (("evaluate", "MODEL", "--summary", "s.json"), "--summary needs --measured"),
