@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -25,6 +26,21 @@ struct Joint {
 struct JointNetworks {
   std::size_t hidden = 0;
   std::vector<double> input, bias, output;  // joint by joint
+};
+
+// actual = q + sum over orders k of sines * sin(k frequency q) + cosines * cos(k frequency q).
+struct JointHarmonics {
+  std::size_t orders = 0;
+  Joints frequencies{};
+  std::vector<double> sines, cosines;  // joint by joint
+};
+
+// Turns of the joints of a nominal chain under the weight of what follows them.
+struct Deflection {
+  std::vector<Joint> joints;
+  Placement end_effector;
+  Vector3 gravity{};
+  std::vector<double> compliances;  // joint by joint, of the places after it
 };
 
 // motion = output tanh(input x + bias), a twist in the end effector's frame.
@@ -53,7 +69,9 @@ class Chain {
  public:
   std::vector<Joint> joints;
   Placement end_effector;  // in the frame of the last joint
+  std::optional<JointHarmonics> joint_harmonics;
   std::optional<JointNetworks> joint_networks;
+  std::optional<Deflection> deflection;
   std::optional<PoseNetwork> pose_network;
   Scaling joint_scaling, pose_scaling;
   // Joints whose corrections are known in one turn only, around these centres.
@@ -64,7 +82,7 @@ class Chain {
 
   Placement pose(const Joints& commanded) const {
     const Joints inside = in_one_turn(commanded);
-    Joints derivatives;
+    Derivatives derivatives;
     const Placement plain = end_of(actual(inside, derivatives), nullptr);
     return pose_network ? plain * motion(inside) : plain;
   }
@@ -72,14 +90,14 @@ class Chain {
   // In the axes of the base frame, as pose() has its position, but without the derivative of the
   // pose network, which is a thousand times smaller.
   void jacobian(const Joints& commanded, Jacobian& result) const {
-    Joints derivatives;
+    Derivatives derivatives;
     const Joints positions = actual(in_one_turn(commanded), derivatives);
     to_columns(end_of(positions, &result), derivatives, result);
   }
 
   void linearise(const Joints& commanded, const Placement& target, Linearisation& result) const {
     const Joints inside = in_one_turn(commanded);
-    Joints derivatives;
+    Derivatives derivatives;
     const Joints positions = actual(inside, derivatives);
     const Placement reached = end_of(positions, &result.jacobian);
     // The target is reached with the motion where the target moved back is reached without it.
@@ -97,10 +115,22 @@ class Chain {
   }
 
  private:
+  // Of the actual by the commanded joint positions: of each by its own, and what a deflection
+  // adds, joint by joint.
+  struct Derivatives {
+    Joints own;
+    std::array<Joints, MAX_JOINTS> deflections;
+  };
+
   // Without corrections. ``axes``: z axis and origin of each joint, three numbers each.
   Placement end_of(const Joints& positions, Jacobian* axes) const {
+    return end_of(joints, end_effector, positions, axes);
+  }
+
+  static Placement end_of(const std::vector<Joint>& joints, const Placement& end_effector,
+                          const Joints& positions, Jacobian* axes) {
     Placement frame;
-    for (std::size_t joint = 0; joint < size(); ++joint) {
+    for (std::size_t joint = 0; joint < joints.size(); ++joint) {
       frame = frame * joints[joint].placement;
       Rotation& r = frame.rotation;
       if (axes)
@@ -119,14 +149,23 @@ class Chain {
   }
 
   // From axes and origins to motions of the end effector per unit of commanded motion.
-  void to_columns(const Placement& reached, const Joints& derivatives, Jacobian& columns) const {
+  void to_columns(const Placement& reached, const Derivatives& derivatives,
+                  Jacobian& columns) const {
     for (std::size_t joint = 0; joint < size(); ++joint) {
       Column& c = columns[joint];
-      const Vector3 axis = derivatives[joint] * Vector3{c[0], c[1], c[2]};
+      const Vector3 axis{c[0], c[1], c[2]};
       const Vector3 lever = reached.position - Vector3{c[3], c[4], c[5]};
       const Vector3 linear = joints[joint].turns ? cross(axis, lever) : axis;
       const Vector3 angular = joints[joint].turns ? axis : Vector3{0.0, 0.0, 0.0};
       c = {linear[0], linear[1], linear[2], angular[0], angular[1], angular[2]};
+    }
+    const Jacobian plain = columns;
+    for (std::size_t joint = 0; joint < size(); ++joint) {
+      for (double& number : columns[joint]) number *= derivatives.own[joint];
+      if (!deflection) continue;
+      for (std::size_t other = 0; other < size(); ++other)
+        for (std::size_t row = 0; row < 6; ++row)
+          columns[joint][row] += derivatives.deflections[other][joint] * plain[other][row];
     }
   }
 
@@ -138,13 +177,40 @@ class Chain {
   }
 
   // Actual joint positions, and their derivatives by the commanded ones.
-  Joints actual(Joints positions, Joints& derivatives) const {
-    derivatives.fill(1.0);
-    if (!joint_networks) return positions;
+  Joints actual(const Joints& commanded, Derivatives& derivatives) const {
+    Joints positions = commanded;
+    derivatives.own.fill(1.0);
+    if (joint_harmonics) add_harmonics(commanded, positions, derivatives.own);
+    if (joint_networks) add_networks(commanded, positions, derivatives.own);
+    if (deflection) add_deflection(commanded, positions, derivatives);
+    return positions;
+  }
+
+  void add_harmonics(const Joints& commanded, Joints& positions, Joints& derivatives) const {
+    const JointHarmonics& harmonics = *joint_harmonics;
+    for (std::size_t joint = 0; joint < size(); ++joint) {
+      const double frequency = harmonics.frequencies[joint];
+      const double first_sine = std::sin(frequency * commanded[joint]);
+      const double first_cosine = std::cos(frequency * commanded[joint]);
+      double sine = first_sine, cosine = first_cosine;
+      const std::size_t begin = joint * harmonics.orders;
+      for (std::size_t order = 0; order < harmonics.orders; ++order) {
+        const double a = harmonics.sines[begin + order], b = harmonics.cosines[begin + order];
+        positions[joint] += a * sine + b * cosine;
+        derivatives[joint] +=
+            frequency * static_cast<double>(order + 1) * (a * cosine - b * sine);
+        const double next = sine * first_cosine + cosine * first_sine;
+        cosine = cosine * first_cosine - sine * first_sine;
+        sine = next;
+      }
+    }
+  }
+
+  void add_networks(const Joints& commanded, Joints& positions, Joints& derivatives) const {
     const JointNetworks& network = *joint_networks;
     for (std::size_t joint = 0; joint < size(); ++joint) {
       const double half_width = joint_scaling.half_width[joint];
-      const double scaled = (positions[joint] - joint_scaling.centre[joint]) / half_width;
+      const double scaled = (commanded[joint] - joint_scaling.centre[joint]) / half_width;
       const std::size_t begin = joint * network.hidden;
       for (std::size_t unit = begin; unit < begin + network.hidden; ++unit) {
         const double activation = std::tanh(network.input[unit] * scaled + network.bias[unit]);
@@ -153,7 +219,46 @@ class Chain {
                               (1.0 - activation * activation);
       }
     }
-    return positions;
+  }
+
+  // By sums of the places after each joint, weighted by their compliances.
+  void add_deflection(const Joints& commanded, Joints& positions, Derivatives& derivatives) const {
+    Jacobian axes;
+    const Vector3 end =
+        end_of(deflection->joints, deflection->end_effector, commanded, &axes).position;
+    const auto axis_of = [&](std::size_t joint) -> Vector3 {
+      return {axes[joint][0], axes[joint][1], axes[joint][2]};
+    };
+    const auto origin_of = [&](std::size_t joint) -> Vector3 {
+      if (joint == size()) return end;
+      return {axes[joint][3], axes[joint][4], axes[joint][5]};
+    };
+    const Vector3& gravity = deflection->gravity;
+    for (std::size_t joint = 0; joint < size(); ++joint) {
+      Joints& row = derivatives.deflections[joint];
+      row.fill(0.0);
+      if (!joints[joint].turns) continue;
+      const Vector3 axis = axis_of(joint);
+      const double* compliances = &deflection->compliances[joint * size()];
+      // From the end on: the sum of the places after the joint that moves.
+      double weight = 0.0;
+      Vector3 sum{0.0, 0.0, 0.0};
+      for (std::size_t moved = size(); moved-- > joint;) {
+        weight += compliances[moved];
+        sum = sum + compliances[moved] * origin_of(moved + 1);
+        const Vector3 lever = sum - weight * origin_of(moved);
+        const Vector3 shift = joints[moved].turns ? cross(axis_of(moved), lever)
+                                                  : weight * axis_of(moved);
+        row[moved] = dot(axis, cross(shift, gravity));
+      }
+      const Vector3 lever = sum - weight * origin_of(joint);
+      const Vector3 moment = cross(lever, gravity);
+      positions[joint] += dot(axis, moment);
+      for (std::size_t moved = 0; moved < joint; ++moved)
+        if (joints[moved].turns)
+          row[moved] = dot(axis, cross(cross(axis_of(moved), lever), gravity)) +
+                       dot(cross(axis_of(moved), axis), moment);
+    }
   }
 
   // A twist so small that half the cross product is the exponential's coupling of rotation and

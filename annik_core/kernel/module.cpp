@@ -121,35 +121,27 @@ struct Object {
 // A chain as Python sees it. It never changes, so threads may share it.
 class PyChain : public Object {
  public:
-  // ``joint_networks`` and ``pose_network``: None, or of the classes in robots/corrections.py.
-  PyChain(const Array& placements, const Array& axes, const py::object& joint_networks,
-          const py::object& pose_network, const std::vector<std::size_t>& wrapped,
-          const Array& centre) {
+  // ``corrections``: None, or ArmCorrections of robots/corrections.py, with which ``placements``
+  // have been moved already; ``nominal``: those without.
+  PyChain(const Array& placements, const Array& axes, const py::object& corrections,
+          const Array& nominal, const std::vector<std::size_t>& wrapped, const Array& centre) {
     const py::ssize_t dof = axes.ndim() == 2 ? axes.shape(0) : 0;
     if (dof < 1 || dof > static_cast<py::ssize_t>(MAX_JOINTS))
       throw std::invalid_argument("axes must have 1 to 32 rows, one a joint");
     check_shape(axes, {dof, 6}, "axes");
     check_shape(placements, {dof + 1, 4, 4}, "placements");
-    // From the frame whose z axis is that of the joint before, to that joint's own.
-    Placement back;
-    for (py::ssize_t joint = 0; joint <= dof; ++joint) {
-      const double* m = placements.data(joint);
-      const Placement placement =
-          back * Placement{{{m[0], m[4], m[8]}, {m[1], m[5], m[9]}, {m[2], m[6], m[10]}},
-                           {m[3], m[7], m[11]}};
-      if (joint == dof) {
-        chain_.end_effector = placement;
-        break;
-      }
-      const double* a = axes.data(joint);
-      const bool turns = a[3] != 0.0 || a[4] != 0.0 || a[5] != 0.0;
-      const Rotation axis = z_towards(turns ? Vector3{a[3], a[4], a[5]}
-                                            : Vector3{a[0], a[1], a[2]});
-      back = Placement{axis.inverse(), {0.0, 0.0, 0.0}};
-      chain_.joints.push_back({{placement.rotation * axis, placement.position}, turns});
+    check_shape(nominal, {dof + 1, 4, 4}, "nominal");
+    chain_.end_effector = joints_of(placements, axes, chain_.joints);
+    if (!corrections.is_none()) {
+      const py::object harmonics = corrections.attr("joint_harmonics");
+      const py::object joint_networks = corrections.attr("joint_networks");
+      const py::object pose_network = corrections.attr("pose_network");
+      const py::object deflection = corrections.attr("deflection");
+      if (!harmonics.is_none()) set_joint_harmonics(harmonics);
+      if (!joint_networks.is_none()) set_joint_networks(joint_networks);
+      if (!pose_network.is_none()) set_pose_network(pose_network);
+      if (!deflection.is_none()) set_deflection(deflection, nominal, axes);
     }
-    if (!joint_networks.is_none()) set_joint_networks(joint_networks);
-    if (!pose_network.is_none()) set_pose_network(pose_network);
     if (wrapped.empty()) return;
     check_shape(centre, {dof}, "centre");
     for (const std::size_t joint : wrapped)
@@ -214,6 +206,49 @@ class PyChain : public Object {
 
  private:
   py::ssize_t dof() const { return constructed(static_cast<py::ssize_t>(chain_.size())); }
+
+  // Turning or moving about z axes; returns the end effector in the last joint's frame.
+  static Placement joints_of(const Array& placements, const Array& axes,
+                             std::vector<Joint>& joints) {
+    // From the frame whose z axis is that of the joint before, to that joint's own.
+    Placement back;
+    for (py::ssize_t joint = 0;; ++joint) {
+      const double* m = placements.data(joint);
+      const Placement placement =
+          back * Placement{{{m[0], m[4], m[8]}, {m[1], m[5], m[9]}, {m[2], m[6], m[10]}},
+                           {m[3], m[7], m[11]}};
+      if (joint == axes.shape(0)) return placement;
+      const double* a = axes.data(joint);
+      const bool turns = a[3] != 0.0 || a[4] != 0.0 || a[5] != 0.0;
+      const Rotation axis = z_towards(turns ? Vector3{a[3], a[4], a[5]}
+                                            : Vector3{a[0], a[1], a[2]});
+      back = Placement{axis.inverse(), {0.0, 0.0, 0.0}};
+      joints.push_back({{placement.rotation * axis, placement.position}, turns});
+    }
+  }
+
+  void set_joint_harmonics(const py::object& part) {
+    const Array frequencies = array_of(part, "frequencies");
+    const Array sines = array_of(part, "sines"), cosines = array_of(part, "cosines");
+    const py::ssize_t orders = sines.ndim() == 2 ? sines.shape(1) : 0;
+    check_shape(frequencies, {dof()}, "frequencies");
+    check_shape(sines, {dof(), orders}, "sines");
+    check_shape(cosines, {dof(), orders}, "cosines");
+    chain_.joint_harmonics =
+        JointHarmonics{static_cast<std::size_t>(orders), joints_from(frequencies.data(), dof()),
+                       numbers(sines), numbers(cosines)};
+  }
+
+  void set_deflection(const py::object& part, const Array& nominal, const Array& axes) {
+    const Array compliances = array_of(part, "compliances"), gravity = array_of(part, "gravity");
+    check_shape(compliances, {dof(), dof()}, "compliances");
+    check_shape(gravity, {3}, "gravity");
+    Deflection deflection;
+    deflection.end_effector = joints_of(nominal, axes, deflection.joints);
+    deflection.gravity = {*gravity.data(0), *gravity.data(1), *gravity.data(2)};
+    deflection.compliances = numbers(compliances);
+    chain_.deflection = std::move(deflection);
+  }
 
   void set_joint_networks(const py::object& part) {
     const Array input = array_of(part, "input_weights"), bias = array_of(part, "biases");
@@ -607,7 +642,7 @@ PYBIND11_MODULE(compiled, module) {
   using namespace annik;
   module.doc() = "Forward kinematics and refinement of serial chains, compiled.";
   py::class_<PyChain>(module, "Chain")
-      .def(py::init<const Array&, const Array&, const py::object&, const py::object&,
+      .def(py::init<const Array&, const Array&, const py::object&, const Array&,
                     const std::vector<std::size_t>&, const Array&>())
       .def("poses", &PyChain::poses)
       .def("jacobians", &PyChain::jacobians)

@@ -199,8 +199,9 @@ def _workspace(
         screws = screws.moved(corrections.placements)
     origins = screws.frames(np.zeros(len(chain.joint_names)))[:, :3, 3]
     beyond, shift = np.zeros(len(chain.joint_names)), 0.0
-    if corrections is not None and corrections.joint_networks is not None:
-        beyond = corrections.joint_networks.largest
+    if corrections is not None:
+        for part in (corrections.joint_networks, corrections.joint_harmonics):
+            beyond = beyond + (0.0 if part is None else part.largest)
     if corrections is not None and corrections.pose_network is not None:
         shift = corrections.pose_network.largest_shift
     strokes = [

@@ -11,9 +11,10 @@ from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray, rotation_matrix
 from annik_core.robots.corrections import (
     ArmCorrections,
+    Deflection,
     JointCorrection,
-    JointNetworks,
     PoseNetwork,
+    diagonal,
 )
 from annik_core.robots.robot import (
     ForwardKinematics,
@@ -43,9 +44,15 @@ def arm_kinematics(
     kernel = compiled_kernel()
     if kernel is None:
         return readable_kinematics(joint_names, chain, corrections, turning, centre)
-    chain, joint, pose, turning = _applied(chain, corrections, turning)
-    around = np.broadcast_to(centre, (len(chain.axes),))
-    compiled = kernel.Chain(chain.placements, chain.axes, joint, pose, turning, around)
+    moved = chain if corrections is None else chain.moved(corrections.placements)
+    compiled = kernel.Chain(
+        moved.placements,
+        chain.axes,
+        corrections,
+        chain.placements,
+        _wrapped(corrections, turning),
+        np.broadcast_to(centre, (len(chain.axes),)),
+    )
     return CompiledKinematics(joint_names, compiled)
 
 
@@ -57,26 +64,32 @@ def readable_kinematics(
     centre: FloatArray | float = 0.0,
 ) -> ForwardKinematics:
     """:func:`arm_kinematics` in NumPy, whether the kernel can be used or not."""
-    chain, joint, pose, turning = _applied(chain, corrections, turning)
-    kinematics: ForwardKinematics = ArmKinematics(joint_names, chain)
-    if joint is not None:
-        kinematics = JointCorrectedKinematics(kinematics, joint)
-    if pose is not None:
-        kinematics = PoseCorrectedKinematics(kinematics, pose)
-    if turning:
-        kinematics = JointCorrectedKinematics(kinematics, OneTurn(centre, turning))
+    if corrections is None:
+        return ArmKinematics(joint_names, chain)
+    kinematics: ForwardKinematics = ArmKinematics(joint_names, chain.moved(corrections.placements))
+    joint: list[JointCorrection] = [
+        part
+        for part in (corrections.joint_harmonics, corrections.joint_networks)
+        if part is not None
+    ]
+    if corrections.deflection is not None:
+        joint.append(GravityDeflection(chain, corrections.deflection))
+    if joint:
+        kinematics = JointCorrectedKinematics(kinematics, SumOfCorrections(joint))
+    if corrections.pose_network is not None:
+        kinematics = PoseCorrectedKinematics(kinematics, corrections.pose_network)
+    wrapped = _wrapped(corrections, turning)
+    if wrapped:
+        kinematics = JointCorrectedKinematics(kinematics, OneTurn(centre, wrapped))
     return kinematics
 
 
-def _applied(
-    chain: ScrewChain, corrections: ArmCorrections | None, turning: Sequence[int]
-) -> tuple[ScrewChain, JointNetworks | None, PoseNetwork | None, Sequence[int]]:
-    """The corrected chain, its networks, and the joints that are taken into one turn for them."""
+def _wrapped(corrections: ArmCorrections | None, turning: Sequence[int]) -> Sequence[int]:
+    """The joints that are taken into one turn, outside of which networks are not known."""
     if corrections is None:
-        return chain, None, None, ()
-    joint, pose = corrections.joint_networks, corrections.pose_network
-    moved = chain.moved(corrections.placements)
-    return moved, joint, pose, () if joint is None and pose is None else turning
+        return ()
+    networks = corrections.joint_networks, corrections.pose_network
+    return () if networks == (None, None) else turning
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,13 +221,14 @@ class JointCorrectedKinematics(ForwardKinematics):
     def jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.robot.ForwardKinematics`."""
         jacobians = self.kinematics.jacobians(self.correction.actual(joint_positions))
-        return jacobians * self.correction.derivatives(joint_positions)[:, np.newaxis, :]
+        product: FloatArray = jacobians @ self.correction.derivatives(joint_positions)
+        return product
 
     def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
         """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
         actual = self.correction.actual(joint_positions)
         found = self.kinematics.linearise(actual, target)
-        found.jacobian = found.jacobian * self.correction.derivatives(joint_positions)
+        found.jacobian = found.jacobian @ self.correction.derivatives(joint_positions)
         return found
 
 
@@ -260,7 +274,98 @@ class OneTurn(JointCorrection):
 
     def derivatives(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.corrections.JointCorrection`."""
-        return np.ones_like(joint_positions)
+        return diagonal(np.ones_like(joint_positions))
+
+
+@dataclass(frozen=True, eq=False)
+class SumOfCorrections(JointCorrection):
+    """Corrections as functions of the commanded joint positions, added."""
+
+    corrections: Sequence[JointCorrection]
+
+    def actual(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
+        return joint_positions + sum(
+            correction.actual(joint_positions) - joint_positions for correction in self.corrections
+        )
+
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
+        identity = np.eye(joint_positions.shape[-1])
+        return identity + sum(
+            correction.derivatives(joint_positions) - identity for correction in self.corrections
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class GravityDeflection(JointCorrection):
+    """A deflection of a chain, the nominal one."""
+
+    chain: ScrewChain
+    part: Deflection
+
+    def actual(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
+        moments = gravity_moments(self.chain, joint_positions, self.part.gravity)
+        deflections: FloatArray = (moments * self.part.compliances).sum(-1)
+        return joint_positions + deflections
+
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`annik_core.robots.corrections.JointCorrection`."""
+        axes, origins = _axes_and_origins(self.chain, joint_positions)
+        dof, gravity = len(self.chain.axes), self.part.gravity
+        turns = np.any(self.chain.axes[:, 3:] != 0.0, axis=1)
+        derivatives = np.tile(np.eye(dof), (*joint_positions.shape[:-1], 1, 1))
+        for joint in np.flatnonzero(turns):
+            for place in range(joint, dof):
+                lever = origins[place + 1] - origins[joint]
+                for moved in range(place + 1):
+                    axis = axes[moved]
+                    turned = np.zeros_like(lever)
+                    if not turns[moved]:
+                        shift = axis if moved >= joint else turned
+                    elif moved < joint:
+                        shift, turned = np.cross(axis, lever), np.cross(axis, axes[joint])
+                    else:
+                        shift = np.cross(axis, origins[place + 1] - origins[moved])
+                    change = np.cross(shift, gravity) * axes[joint]
+                    change += np.cross(lever, gravity) * turned
+                    derivatives[..., joint, moved] += self.part.compliances[
+                        joint, place
+                    ] * change.sum(-1)
+        return derivatives
+
+
+def gravity_moments(
+    chain: ScrewChain, joint_positions: FloatArray, gravity: FloatArray
+) -> FloatArray:
+    """Moments ``(..., dof, dof)`` [m] about each axis of unit forces along the gravity.
+
+    The forces are at the places of :class:`annik_core.robots.corrections.Deflection`; those before
+    the joint, and those about prismatic joints, are zero.
+    """
+    axes, origins = _axes_and_origins(chain, joint_positions)
+    dof = len(chain.axes)
+    moments = np.zeros((*joint_positions.shape[:-1], dof, dof))
+    for joint in np.flatnonzero(np.any(chain.axes[:, 3:] != 0.0, axis=1)):
+        for place in range(joint, dof):
+            lever = origins[place + 1] - origins[joint]
+            moments[..., joint, place] = (np.cross(lever, gravity) * axes[joint]).sum(-1)
+    return moments
+
+
+def _axes_and_origins(
+    chain: ScrewChain, joint_positions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Axes ``(dof, ..., 3)`` and origins ``(dof + 1, ..., 3)`` in the base frame."""
+    frames = chain.frames(joint_positions)
+    axes = np.stack(
+        [
+            frames[index, ..., :3, :3] @ (axis[3:] if np.any(axis[3:]) else axis[:3])
+            for index, axis in enumerate(chain.axes)
+        ]
+    )
+    return axes, frames[..., :3, 3]
 
 
 def _moved(poses: FloatArray, motions: FloatArray, *, reverse: bool = False) -> FloatArray:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -26,26 +26,21 @@ class JointCorrection(Protocol):
         ...
 
     def derivatives(self, joint_positions: FloatArray) -> FloatArray:
-        """Derivatives of the actual by the commanded ones, of the same shape, joint by joint."""
+        """Derivatives of the actual by the commanded ones, ``(..., dof, dof)``."""
         ...
 
 
-Part = TypeVar("Part", bound="_ScaledPart")
+def diagonal(derivatives: FloatArray) -> FloatArray:
+    """Derivatives ``(..., dof)``, each by its own joint, as matrices ``(..., dof, dof)``."""
+    return derivatives[..., np.newaxis] * np.eye(derivatives.shape[-1])
+
+
+Part = TypeVar("Part", bound="_Part")
 
 
 @dataclass(frozen=True, eq=False)
-class _ScaledPart:
-    """Arrays of a function of the joint positions scaled to their box, [-1, 1].
-
-    ``centre`` and ``half_width``, not zero, are those of the box, ``(dof,)`` [rad or m].
-    """
-
-    centre: FloatArray
-    half_width: FloatArray
-
-    def scaled(self, joint_positions: FloatArray) -> FloatArray:
-        """Joint positions ``(..., dof)``, scaled."""
-        return (joint_positions - self.centre) / self.half_width
+class _Part:
+    """Arrays of an entry of the corrections."""
 
     def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""
@@ -59,16 +54,116 @@ class _ScaledPart:
             InvalidRobotDefinition: naming what is missing or wrong.
         """
         arrays = checked_arrays(data, tuple(entry.name for entry in fields(cls)), what, source)
-        shapes = {"centre": (dof,), "half_width": (dof,), **cls._shapes(dof, arrays)}
-        for name, shape in shapes.items():
+        for name, shape in cls._shapes(dof, arrays).items():
             check_shape(arrays[name], shape, f"{what}.{name}", source)
-        check_positive(arrays["half_width"], f"{what}.half_width", source)
+        for name in cls._POSITIVE:
+            check_positive(arrays[name], f"{what}.{name}", source)
         return cls(**arrays)
 
-    @staticmethod
-    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
-        """Of the other arrays, whose sizes may depend on each other."""
+    #: Arrays that must be positive.
+    _POSITIVE: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def _shapes(cls, dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        """Of the arrays, whose sizes may depend on each other."""
         raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class _ScaledPart(_Part):
+    """Arrays of a function of the joint positions scaled to their box, [-1, 1].
+
+    ``centre`` and ``half_width``, not zero, are those of the box, ``(dof,)`` [rad or m].
+    """
+
+    centre: FloatArray
+    half_width: FloatArray
+
+    _POSITIVE: ClassVar[tuple[str, ...]] = ("half_width",)
+
+    def scaled(self, joint_positions: FloatArray) -> FloatArray:
+        """Joint positions ``(..., dof)``, scaled."""
+        return (joint_positions - self.centre) / self.half_width
+
+    @classmethod
+    def _shapes(cls, dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        return {"centre": (dof,), "half_width": (dof,), **cls._other_shapes(dof, arrays)}
+
+    @staticmethod
+    def _other_shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class JointHarmonics(_Part):
+    """A Fourier series per joint: its correction as a function of its commanded position.
+
+    ``actual = q + sum over orders k, from 1, of sines[k-1] * sin(k frequency q) + cosines[k-1] *
+    cos(k frequency q)``. With a frequency of 1/rad a whole turn of the joint changes nothing.
+
+    Attributes:
+        frequencies: ``(dof,)`` [1/rad or 1/m].
+        sines: ``(dof, orders)`` [rad or m].
+        cosines: ``(dof, orders)``.
+    """
+
+    frequencies: FloatArray
+    sines: FloatArray
+    cosines: FloatArray
+
+    _POSITIVE: ClassVar[tuple[str, ...]] = ("frequencies",)
+
+    def actual(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`JointCorrection`."""
+        angles = self._angles(joint_positions)
+        series = self.sines * np.sin(angles) + self.cosines * np.cos(angles)
+        actual: FloatArray = joint_positions + series.sum(-1)
+        return actual
+
+    def derivatives(self, joint_positions: FloatArray) -> FloatArray:
+        """See :class:`JointCorrection`."""
+        angles = self._angles(joint_positions)
+        series = self._orders * (self.sines * np.cos(angles) - self.cosines * np.sin(angles))
+        return diagonal(1.0 + series.sum(-1))
+
+    @property
+    def largest(self) -> FloatArray:
+        """``(dof,)`` an upper bound of the corrections [rad or m]."""
+        return np.asarray(np.hypot(self.sines, self.cosines).sum(axis=1), dtype=np.float64)
+
+    @property
+    def _orders(self) -> FloatArray:
+        """Angular frequencies ``(dof, orders)``."""
+        return np.outer(self.frequencies, np.arange(1.0, self.sines.shape[1] + 1.0))
+
+    def _angles(self, joint_positions: FloatArray) -> FloatArray:
+        return joint_positions[..., np.newaxis] * self._orders
+
+    @classmethod
+    def _shapes(cls, dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        shape = (dof, *arrays["sines"].shape[-1:])
+        return {"frequencies": (dof,), "sines": shape, "cosines": shape}
+
+
+@dataclass(frozen=True, eq=False)
+class Deflection(_Part):
+    """Turns of the joints under the weight of what they carry.
+
+    A joint turns by the sum over later places ``k`` of ``compliances[joint, k]`` times the moment
+    about its axis of a unit force along ``gravity`` there. Place ``k`` is the origin of the joint
+    after joint ``k``, and the last is the end effector, all of the nominal chain.
+
+    Attributes:
+        compliances: ``(dof, dof)`` [rad/m], of which those with ``k`` from the joint on count.
+        gravity: ``(3,)`` direction of the gravity in the base frame, a unit vector.
+    """
+
+    compliances: FloatArray
+    gravity: FloatArray
+
+    @classmethod
+    def _shapes(cls, dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        return {"compliances": (dof, dof), "gravity": (3,)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +192,7 @@ class JointNetworks(_ScaledPart):
         """See :class:`JointCorrection`."""
         inner = self.output_weights * self.input_weights / self.half_width[:, np.newaxis]
         derivatives: FloatArray = (inner * (1.0 - self.activations(joint_positions) ** 2)).sum(-1)
-        return 1.0 + derivatives
+        return diagonal(1.0 + derivatives)
 
     @property
     def largest(self) -> FloatArray:
@@ -111,7 +206,7 @@ class JointNetworks(_ScaledPart):
         return activations
 
     @staticmethod
-    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+    def _other_shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
         shape = (dof, *arrays["input_weights"].shape[-1:])
         return dict.fromkeys(("input_weights", "biases", "output_weights"), shape)
 
@@ -152,7 +247,7 @@ class PoseNetwork(_ScaledPart):
         return activations
 
     @staticmethod
-    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+    def _other_shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
         hidden = arrays["biases"].shape[-1:]
         return {"biases": hidden, "input_weights": (*hidden, dof), "output_weights": (6, *hidden)}
 
@@ -189,7 +284,7 @@ class ErrorBound(_ScaledPart):
         return None if kernel is None else kernel.ErrorBound(*parts)
 
     @staticmethod
-    def _shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+    def _other_shapes(dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
         return {"coefficients": (2, 1 + dof + dof * (dof + 1) // 2)}
 
 
@@ -201,10 +296,14 @@ def quadratic_features(scaled: FloatArray) -> FloatArray:
     )
 
 
+#: Allowed difference of a direction's length from 1.
+_UNIT_TOLERANCE = 1e-6
 #: Greatest logarithm of a bound.
 _LARGEST_EXPONENT = 100.0
 
-_PARTS: dict[str, type[_ScaledPart]] = {
+_PARTS: dict[str, type[_Part]] = {
+    "joint_harmonics": JointHarmonics,
+    "deflection": Deflection,
     "joint_networks": JointNetworks,
     "pose_network": PoseNetwork,
     "error_bound": ErrorBound,
@@ -227,6 +326,8 @@ class ArmCorrections:
     pose_network: PoseNetwork | None = None
     error_bound: ErrorBound | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    joint_harmonics: JointHarmonics | None = None
+    deflection: Deflection | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""
@@ -268,6 +369,11 @@ class ArmCorrections:
             for name, part in _PARTS.items()
             if data.get(name) is not None
         }
+        deflection = parts.get("deflection")
+        if deflection and abs(np.linalg.norm(deflection.gravity) - 1.0) > _UNIT_TOLERANCE:
+            raise InvalidRobotDefinition(
+                source, "corrections.deflection.gravity is not a unit vector"
+            )
         bound = parts.get("error_bound")
         # Beyond it the exponential overflows.
         if bound and np.abs(bound.coefficients).sum(axis=1).max() > _LARGEST_EXPONENT:

@@ -17,7 +17,7 @@ from annik_core.errors import AnnikError, InvalidValue
 from annik_core.files import bounded_yaml, read_text
 from annik_core.pose import FloatArray
 from annik_core.robots.arm_kinematics import JointCorrectedKinematics, arm_kinematics
-from annik_core.robots.corrections import ArmCorrections, JointCorrection
+from annik_core.robots.corrections import ArmCorrections, JointCorrection, diagonal
 from annik_core.robots.kinematic_errors import ErrorKind, geometric_errors, placements_of
 from annik_core.robots.robot import ForwardKinematics, Robot
 from annik_core.robots.screw_chain import ScrewChain
@@ -43,8 +43,7 @@ class PeriodicTransmissionError(JointCorrection):
 
     def derivatives(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.corrections.JointCorrection`."""
-        derivatives: FloatArray = 1.0 + self.amplitude * np.cos(joint_positions + self.phase)
-        return derivatives
+        return diagonal(1.0 + self.amplitude * np.cos(joint_positions + self.phase))
 
 
 class InvalidImperfections(AnnikError):

@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from annik_core.robots.corrections import ArmCorrections, ErrorBound, JointNetworks, PoseNetwork
+from annik_core.robots.corrections import (
+    ArmCorrections,
+    Deflection,
+    ErrorBound,
+    JointHarmonics,
+    JointNetworks,
+    PoseNetwork,
+)
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 
@@ -27,6 +34,9 @@ def drawn_corrections(robot: Robot, seed: int) -> ArmCorrections:
     coefficients[:, 0] -= 8.0
     # Not along the axis of rotation, so that the order of shift and turn matters.
     motions = np.array([[2e-4], [2e-4], [-2e-4], [3e-4], [-3e-4], [3e-4]])
+    gravity = np.array([0.6, 0.0, -0.8])
+    more = np.random.default_rng([seed, 1])
+    harmonics = 0.3 * units * more.normal(size=(2, dof, 3))
     return ArmCorrections(
         np.concatenate([shifts, turns.as_quat(canonical=True)], axis=1),
         JointNetworks(*scale, *rng.normal(size=(2, dof, HIDDEN)), units * rng.normal(size=HIDDEN)),
@@ -38,6 +48,8 @@ def drawn_corrections(robot: Robot, seed: int) -> ArmCorrections:
         ),
         ErrorBound(*scale, coefficients),
         {"examples": 3, "parts": ["geometry"]},
+        JointHarmonics(np.ones(dof), *harmonics),
+        Deflection(more.normal(size=(dof, dof)) * 2e-3, gravity),
     )
 
 
@@ -50,6 +62,8 @@ def identity_corrections(robot: Robot) -> ArmCorrections:
         np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (robot.dof + 1, 1)),
         replace(joints, output_weights=np.zeros_like(joints.output_weights)),
         replace(pose, output_weights=np.zeros_like(pose.output_weights)),
+        joint_harmonics=JointHarmonics(np.ones(robot.dof), *np.zeros((2, robot.dof, 3))),
+        deflection=Deflection(np.zeros((robot.dof, robot.dof)), np.array([0.0, 0.0, -1.0])),
     )
 
 

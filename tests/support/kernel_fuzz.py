@@ -135,23 +135,42 @@ class Draw:
             axis[part] = direction / np.linalg.norm(direction)
         return axes if self.chance(0.9) else self.array(dof, 6)
 
-    def network(self, dof: int, pose: bool) -> Any:
+    def corrections(self, dof: int) -> Any:
+        if self.chance(0.2):
+            return None if self.chance(0.9) else self.one_of(NO_ARRAYS)
+        hidden = int(self.rng.integers(0, 8))
+        scaling = {"centre": (dof,), "half_width": (dof,)}
+        parts = {
+            "joint_harmonics": {
+                "frequencies": (dof,),
+                "sines": (dof, hidden),
+                "cosines": (dof, hidden),
+            },
+            "joint_networks": {
+                **scaling,
+                "input_weights": (dof, hidden),
+                "biases": (dof, hidden),
+                "output_weights": (dof, hidden),
+            },
+            "pose_network": {
+                **scaling,
+                "input_weights": (hidden, dof),
+                "biases": (hidden,),
+                "output_weights": (6, hidden),
+            },
+            "deflection": {"compliances": (dof, dof), "gravity": (3,)},
+        }
+        return SimpleNamespace(**{name: self.part(shapes) for name, shapes in parts.items()})
+
+    def part(self, shapes: Mapping[str, tuple[int, ...]]) -> Any:
         if self.chance(0.5):
             return None
-        if self.chance(0.05):
+        if self.chance(0.02):
             return self.one_of(NO_ARRAYS)
-        hidden = int(self.rng.integers(0, 8))
-        shapes = {
-            "centre": (dof,),
-            "half_width": (dof,),
-            "input_weights": (hidden, dof) if pose else (dof, hidden),
-            "biases": (hidden,) if pose else (dof, hidden),
-            "output_weights": (6, hidden) if pose else (dof, hidden),
-        }
-        parts = {name: self.array(*shape) for name, shape in shapes.items()}
-        if self.chance(0.05):
-            del parts[self.one_of(tuple(parts))]
-        return SimpleNamespace(**parts)
+        arrays = {name: self.array(*shape) for name, shape in shapes.items()}
+        if self.chance(0.02):
+            del arrays[self.one_of(tuple(arrays))]
+        return SimpleNamespace(**arrays)
 
     def layers(self, dof: int) -> Any:
         """Layers from 13 numbers to those of the joints, now and then such as do not fit."""
@@ -185,8 +204,8 @@ CONSTRUCTORS: Mapping[str, Callable[[Draw, int, Callable[[str], Any]], tuple[Any
     "Chain": lambda draw, dof, _: (
         draw.placements(dof),
         draw.axes(dof),
-        draw.network(dof, pose=False),
-        draw.network(dof, pose=True),
+        draw.corrections(dof),
+        draw.placements(dof),
         draw.wrapped(dof),
         draw.array(dof),
     ),

@@ -72,7 +72,13 @@ def by_hand(robot: Robot, corrections: ArmCorrections, joint_positions: np.ndarr
     chain, data = ScrewChain.from_urdf(robot.definition["urdf"]), corrections.to_dict()
     joints, pose = data["joint_networks"], data["pose_network"]
     matrix = matrix_of(np.array(data["placements"][0]))
-    scaled = []
+    harmonics, deflection = data["joint_harmonics"], data["deflection"]
+    scaled, nominal = [], [np.eye(4)]
+    for joint, position in enumerate(joint_positions.tolist()):
+        twist = twist_matrix(chain.axes[joint, :3], chain.axes[joint, 3:])
+        nominal[-1] = nominal[-1] @ chain.placements[joint]
+        nominal.append(nominal[-1] @ expm(position * twist))
+    nominal[-1] = nominal[-1] @ chain.placements[-1]
     for joint, position in enumerate(joint_positions.tolist()):
         x = (position - joints["centre"][joint]) / joints["half_width"][joint]
         scaled.append(x)
@@ -83,6 +89,18 @@ def by_hand(robot: Robot, corrections: ArmCorrections, joint_positions: np.ndarr
                 strict=True,
             )
         )
+        for order, (sine, cosine) in enumerate(
+            zip(harmonics["sines"][joint], harmonics["cosines"][joint], strict=True), 1
+        ):
+            angle = order * harmonics["frequencies"][joint] * position
+            actual += sine * math.sin(angle) + cosine * math.cos(angle)
+        axis = chain.axes[joint, 3:]
+        for place in range(joint, len(joint_positions)):
+            lever = nominal[place + 1][:3, 3] - nominal[joint][:3, 3]
+            moment = np.cross(lever, deflection["gravity"])
+            actual += deflection["compliances"][joint][place] * (
+                moment @ nominal[joint][:3, :3] @ axis
+            )
         twist = twist_matrix(chain.axes[joint, :3], chain.axes[joint, 3:])
         matrix = matrix @ chain.placements[joint] @ expm(actual * twist)
         matrix = matrix @ matrix_of(np.array(data["placements"][joint + 1]))
@@ -121,7 +139,10 @@ class TestDefinition:
         assert robot.definition_hash == nominal.definition_hash
         assert robot.error_bound is None
 
-    @pytest.mark.parametrize("parts", [(), ("joint_networks",), ("pose_network",)])
+    @pytest.mark.parametrize(
+        "parts",
+        [(), ("joint_networks",), ("pose_network",), ("joint_harmonics",), ("deflection",)],
+    )
     def test_may_have_some_parts_only(self, parts: tuple[str, ...]) -> None:
         nominal = nominal_named("scara")
         drawn = drawn_corrections(nominal, 3)
@@ -179,7 +200,12 @@ PLACEMENT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
         ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], math.nan]], "not finite"),
         ("placements", [*[PLACEMENT] * 6, [math.inf, *PLACEMENT[1:]]], "not finite"),
         ("placements", [*[PLACEMENT] * 6, [10**400, *PLACEMENT[1:]]], "malformed"),
-        ("screws", [], "placements; joint_networks; pose_network"),
+        ("screws", [], "placements; joint_harmonics; deflection; joint_networks; pose_network"),
+        ("joint_harmonics.sines", 0.0, "()"),
+        ("joint_harmonics.cosines", [[0.0]] * 6, "(6, 1)"),
+        ("joint_harmonics.frequencies", [0.0] * 6, "is not positive"),
+        ("deflection.compliances", [[0.0] * 6] * 5, "(5, 6)"),
+        ("deflection.gravity", [0.0, 0.0, -9.8], "is not a unit vector"),
         ("joint_networks", [], "is not a mapping"),
         ("joint_networks", False, "is not a mapping"),
         ("joint_networks.biases", ..., "is missing"),
@@ -248,6 +274,8 @@ _JUNK = st.recursive(
 )
 _PATHS = [
     *("placements", "joint_networks", "pose_network", "error_bound", "provenance"),
+    *("joint_harmonics.sines", "joint_harmonics.frequencies", "joint_harmonics"),
+    *("deflection", "deflection.compliances", "deflection.gravity"),
     *(
         f"{part}.{key}"
         for part in ("joint_networks", "pose_network")
@@ -286,7 +314,7 @@ _NUMBERS = st.floats(allow_nan=True, allow_infinity=True) | st.integers(-(10**32
 @given(st.data())
 def test_any_numbers_of_the_right_shape_are_taken_or_refused(data: st.DataObject) -> None:
     """And what was taken computes: poses, bounds, whatever they are."""
-    path = data.draw(st.sampled_from(_PATHS[5:]))
+    path = data.draw(st.sampled_from([path for path in _PATHS if "." in path]))
     if path.endswith(".more"):
         return
     part, key = path.split(".")

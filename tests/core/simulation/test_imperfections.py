@@ -167,7 +167,9 @@ def test_the_slopes_of_a_transmission_error_are_those_of_its_positions() -> None
     error = PeriodicTransmissionError(rng.uniform(0, 0.2, 6), rng.uniform(0, 6, 6))
     q, step = within_limits(UR5E), 1e-6
     slopes = (error.actual(q + step) - error.actual(q - step)) / (2 * step)
-    np.testing.assert_allclose(error.derivatives(q), slopes, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        error.derivatives(q), slopes[..., None] * np.eye(6), rtol=0, atol=1e-8
+    )
 
 
 def test_what_an_arm_has_learned_does_not_change_the_real_one() -> None:
