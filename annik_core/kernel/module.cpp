@@ -236,7 +236,7 @@ class PyChain : public Object {
     check_shape(cosines, {dof(), orders}, "cosines");
     chain_.joint_harmonics =
         JointHarmonics{static_cast<std::size_t>(orders), joints_from(frequencies.data(), dof()),
-                       numbers(sines), numbers(cosines)};
+                       numbers_of(sines), numbers_of(cosines)};
   }
 
   void set_deflection(const py::object& part, const Array& nominal, const Array& axes) {
@@ -246,7 +246,7 @@ class PyChain : public Object {
     Deflection deflection;
     deflection.end_effector = joints_of(nominal, axes, deflection.joints);
     deflection.gravity = {*gravity.data(0), *gravity.data(1), *gravity.data(2)};
-    deflection.compliances = numbers(compliances);
+    deflection.compliances = numbers_of(compliances);
     chain_.deflection = std::move(deflection);
   }
 
