@@ -25,6 +25,7 @@ from annik_core.pose import FloatArray
 from annik_core.robots.definition import ANGLE_UNITS, LENGTH_UNITS
 from annik_core.robots.robot import Robot
 from annik_training.calibration.errors import UnlikelyUnits, UnreadableMeasurements
+from annik_training.calibration.measurements import KnownDistance, Measurements
 
 POSITION = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
@@ -69,6 +70,48 @@ class MeasuredRows:
 
     def __len__(self) -> int:
         return len(self.joint_positions)
+
+    def measurements(
+        self,
+        *,
+        socket_distance: float | None = None,
+        frame_known: bool = False,
+        tool_known: bool = False,
+    ) -> Measurements:
+        """These rows for a calibration; each socket of each placement is a fixed point.
+
+        ``socket_distance`` is that between the two sockets of every placement [m].
+
+        Raises:
+            InvalidValue: if it is given, and a placement has other than two sockets.
+        """
+        if self.sockets is None:
+            if socket_distance is not None:
+                raise InvalidValue("socket distance", socket_distance, "none without sockets")
+            return Measurements(
+                self.joint_positions,
+                self.positions,
+                self.rotations,
+                frame_known=frame_known,
+                tool_known=tool_known,
+            )
+        points = {socket: number for number, socket in enumerate(dict.fromkeys(self.sockets))}
+        numbers = np.array([points[socket] for socket in self.sockets])
+        distances = []
+        if socket_distance is not None:
+            for placement in dict.fromkeys(placement for placement, _ in points):
+                pair = [number for (other, _), number in points.items() if other == placement]
+                if len(pair) != 2:
+                    allowed = f"none: {placement} has {len(pair)} sockets, not two"
+                    raise InvalidValue("socket distance", socket_distance, allowed)
+                distances.append(KnownDistance(pair[0], pair[1], socket_distance))
+        return Measurements(
+            self.joint_positions,
+            fixed_points=numbers,
+            distances=distances,
+            frame_known=frame_known,
+            tool_known=tool_known,
+        )
 
 
 def read_measurements(

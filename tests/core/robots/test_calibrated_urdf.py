@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from annik_core.robots.calibrated_urdf import (
     left_out,
     with_ur_calibration,
 )
+from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
@@ -100,7 +100,7 @@ def test_a_comment_says_how_much_is_left_out() -> None:
     amounts = left_out(corrected(robot, both))
     assert 0.0 < amounts.mean < amounts.largest < 0.05
     assert f"{1e3 * amounts.largest:.3g} mm" in calibrated_urdf(corrected(robot, both))
-    geometry = replace(both, joint_networks=None, pose_network=None)
+    geometry = ArmCorrections(both.placements)
     assert left_out(corrected(robot, geometry)).largest < 1e-12
 
 

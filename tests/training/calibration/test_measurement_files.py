@@ -277,6 +277,25 @@ class TestSockets:
         assert rows.positions is None
         assert len(read_sockets(UR5E, [folder / "left"])) == 12
 
+    def test_are_fixed_points_with_a_distance(self, tmp_path: Path) -> None:
+        rows = read_sockets(UR5E, [self.folder(tmp_path)])
+        measurements = rows.measurements(socket_distance=0.05)
+        assert measurements.fixed_points is not None
+        assert measurements.fixed_points.tolist() == [n for n in range(4) for _ in range(6)]
+        assert list(measurements.distances) == [(0, 1, 0.05), (2, 3, 0.05)]
+        assert not rows.measurements().distances
+
+    def test_a_distance_is_between_two(self, tmp_path: Path) -> None:
+        columns = {**joint_columns(), "socket": np.arange(12) % 3}
+        with pytest.raises(InvalidValue):
+            read(tmp_path, table(columns)).measurements(socket_distance=0.05)
+        poses = read(tmp_path, table({**joint_columns(), **pose_columns()}))
+        with pytest.raises(InvalidValue):
+            poses.measurements(socket_distance=0.05)
+        measurements = poses.measurements(frame_known=True)
+        assert (measurements.frame_known, measurements.tool_known) == (True, False)
+        assert len(measurements) == 12
+
     def test_of_a_table(self, tmp_path: Path) -> None:
         columns = {**joint_columns(), "placement": np.arange(12) // 6, "socket": np.arange(12) % 2}
         rows = read(tmp_path, table(columns))
