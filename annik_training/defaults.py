@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from annik_core.robots.robot import Robot
+from annik_core.solver.ik_solver import SolverMode
 from annik_training.fitting.options import FitOptions
 
 #: Number of random poses of an evaluation.
@@ -18,6 +19,9 @@ class Defaults:
     size: int
     fit: FitOptions
 
+
+#: An arm whose joint box is as wide as its limits.
+WHOLE_ARM = "whole arm"
 
 DEFAULTS: Mapping[str, Defaults] = {
     # The paper's design and network for the paper's robot.
@@ -38,9 +42,25 @@ DEFAULTS: Mapping[str, Defaults] = {
             optimiser="lbfgs",
         ),
     ),
+    # Its guess is the first of the starts of a search, which hardly gets quicker by a better one.
+    WHOLE_ARM: Defaults(
+        "sobol",
+        128,
+        FitOptions(
+            hidden_units=(24,),
+            restarts=1,
+            held_out_fraction=0.0,
+            max_evaluations=100,
+            linear_path=True,
+            sobolev_weight=1.0,
+            optimiser="lbfgs",
+        ),
+    ),
 }
 
 
 def defaults_of(robot: Robot) -> Defaults:
-    """The defaults for a robot's kind."""
+    """The defaults for a robot's kind, and for how it is served."""
+    if SolverMode.AUTO.of(robot) is SolverMode.WHOLE_ROBOT:
+        return DEFAULTS[WHOLE_ARM]
     return DEFAULTS[robot.kind]

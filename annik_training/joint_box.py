@@ -7,6 +7,7 @@ import numpy as np
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import FULL_TURN, Robot
+from annik_core.solver.ik_solver import SolverMode
 
 _SAMPLES = 500
 #: Straight lines of joint positions, and positions on each, that singularities are sought on.
@@ -63,17 +64,29 @@ def findings(robot: Robot) -> list[str]:
         far = np.maximum(-limits.lower, limits.upper) > usual
         if odd := ", ".join(names[far & (kinds == kind)]):
             found.append(f"limits that look like {unit}: {odd}")
+    whole = SolverMode.AUTO.of(robot) is SolverMode.WHOLE_ROBOT
     locks = " ".join(
         f"--joint-box {names[joint]}={box.centre[joint]:.3g}" for joint in moves.locks
     )
     dimensions = f"{len(box.free)} joints move: poses in {moves.dimensions} dimensions"
-    if locks:
+    if locks and whole:
+        found.append(
+            f"{dimensions}, with infinitely many solutions; along a path, the nearest to the "
+            "previous command"
+        )
+    elif locks:
         found.append(
             f"{dimensions}, with infinitely many solutions. Lock {len(moves.locks)} of "
             f"{', '.join(moves.redundant)}, such as {locks}"
         )
     elif moves.dimensions < 6:
         found.append(f"{dimensions} only, others are refused")
+    if whole:
+        return [
+            *found,
+            "whole robot: solutions anywhere within the joint limits, on every branch; no joint "
+            "box is needed",
+        ]
     wide = box.upper - box.lower > _NEARLY_A_TURN
     if turns := ", ".join(names[wide & (kinds == "revolute")]):
         found.append(

@@ -182,21 +182,19 @@ class Quality(NamedTuple):
 
 def quality_of(evaluation: Mapping[str, Any]) -> Quality:
     """The quality by the evaluation of a model file, as far as that of another annik tells."""
+    whole = evaluation.get("whole_robot")
+    if isinstance(whole, Mapping):
+        return _quality_of_whole_robot(whole)
     refined, redundant = evaluation.get("refined"), evaluation.get("redundant_joints")
     if not isinstance(refined, Mapping):
         refined = {"success": _accepted(evaluation)}
     solved, same, steps = (
         _number(refined, key) for key in ("success", "same_solution", "mean_steps")
     )
-    # Rounded down, so that 100 % are all.
-    told = [
-        f"{math.floor(1e4 * min(max(part, 0.0), 1.0) + 1e-9) / 100:g} % {what}"
-        for part, what in (
-            (solved, "of random poses solved"),
-            (same, "by the joint positions that they were made from"),
-        )
-        if not math.isnan(part)
-    ]
+    told = _shares(
+        (solved, "of random poses solved"),
+        (same, "by the joint positions that they were made from"),
+    )
     concerns = []
     if solved < _SOLVED:
         concerns.append("poor: give more examples, a larger network, or a smaller joint box")
@@ -207,7 +205,26 @@ def quality_of(evaluation: Mapping[str, Any]) -> Quality:
     if isinstance(redundant, list) and redundant:
         names = listed(list(map(str, redundant)))
         concerns.append(f"redundant: {names}; lock as many as annik robot says")
-    return Quality(", ".join(told) or "unknown", concerns)
+    return Quality(told or "unknown", concerns)
+
+
+def _quality_of_whole_robot(evaluation: Mapping[str, Any]) -> Quality:
+    answered, right = _number(evaluation, "answered"), _number(evaluation, "right")
+    told = _shares(
+        (answered, "of random poses within the joint limits answered"),
+        (right, "verified by other forward kinematics"),
+    )
+    poor = "poor: some poses need more starts of the search; raise max_starts"
+    return Quality(told or "unknown", [poor] if answered < _SOLVED else [])
+
+
+def _shares(*parts: tuple[float, str]) -> str:
+    """Known shares, rounded down, so that 100 % are all."""
+    return ", ".join(
+        f"{math.floor(1e4 * min(max(part, 0.0), 1.0) + 1e-9) / 100:g} % {what}"
+        for part, what in parts
+        if not math.isnan(part)
+    )
 
 
 def _accepted(evaluation: Mapping[str, Any]) -> float:

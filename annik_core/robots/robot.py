@@ -210,6 +210,19 @@ class Robot:
         return JointLimits(box.joint_names, lower, upper)
 
     @cached_property
+    def has_whole_box(self) -> bool:
+        """Whether the joint box leaves out nothing that the limits allow, full turns apart.
+
+        Corrections are known in the box alone, also where it is a full turn.
+        """
+        box, limits = self.joint_box, self.joint_limits
+        kinds = {"continuous"} if "corrections" in self.definition else {"continuous", "revolute"}
+        turns = np.array([kind in kinds for kind in self.joint_types])
+        width = limits.upper - limits.lower
+        width = np.where(turns, np.minimum(width, FULL_TURN), width)
+        return bool((box.upper - box.lower >= width - TURN_TOLERANCE).all())
+
+    @cached_property
     def definition_hash(self) -> str:
         """SHA-256 of the definition: equal for equal robots."""
         return _sha256(self.definition)

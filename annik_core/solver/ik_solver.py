@@ -56,7 +56,8 @@ class SolverMode(Enum):
     ``NETWORK``: by the network alone, as in the paper. ``REFINED``: the network's solution is
     refined on the forward kinematics inside the joint box. ``WHOLE_ROBOT``: for an arm; as
     refined, but anywhere within the joint limits, on the branch of the previous command. ``AUTO``:
-    refined for an arm, the network for the gantry, whose linear kinematics it learns exactly.
+    for an arm, the whole robot unless its joint box is smaller than its limits; the network for
+    the gantry, whose linear kinematics it learns exactly.
     """
 
     AUTO = "auto"
@@ -68,7 +69,9 @@ class SolverMode(Enum):
         """The mode for a robot: ``AUTO`` decided."""
         if self is not SolverMode.AUTO:
             return self
-        return SolverMode.REFINED if robot.kind == "arm" else SolverMode.NETWORK
+        if robot.kind != "arm":
+            return SolverMode.NETWORK
+        return SolverMode.WHOLE_ROBOT if robot.has_whole_box else SolverMode.REFINED
 
     def refines(self, robot: Robot) -> bool:
         """Whether solutions for this robot are refined."""

@@ -38,7 +38,8 @@ class IkNodeParameters:
         "How a target is solved. network: by the network alone, as in the paper; refined: the "
         "network's joint positions are refined on the forward kinematics inside the joint box; "
         "whole_robot: of an arm, anywhere within the joint limits, on the branch of the previous "
-        "command; auto: refined for an arm, network for the gantry.",
+        "command; auto: network for the gantry, and for an arm the whole robot, or refined if its "
+        "joint box is smaller than its limits.",
     )
     refinement: RefinementOptions = parameters_of(
         RefinementOptions, read_only=False, names={"tolerance": "refinement_tolerance"}

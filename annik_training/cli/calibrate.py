@@ -73,7 +73,7 @@ def calibrate(
         robot, dataset, annik_training.CalibrationOptions(position_only=position_only, seed=seed)
     )
     _print_calibration(calibrated)
-    usual = defaults_of(robot)
+    usual = defaults_of(calibrated.robot)
     trained = annik_training.train(
         annik_training.generate_dataset(calibrated.robot, usual.design, examples, seed),
         out,

@@ -23,8 +23,11 @@ from annik_training.cli.options import (
     SUMMARY,
     measured_dataset,
 )
-from annik_training.cli.output import print_evaluation
-from annik_training.evaluation import evaluation_dataset, network_errors
+from annik_training.cli.output import print_evaluation, print_search_times
+from annik_training.evaluation import evaluation_dataset, network_errors, search_times
+
+#: Poses of which the times are measured: less than a second.
+_TIMED_POSES = 500
 
 
 @click.command()
@@ -59,6 +62,8 @@ def evaluate(
         unseen = evaluation_dataset(loaded.robot, evaluation_poses, seed)
         errors = network_errors(loaded.joint_positions, unseen)
         print_evaluation(errors.summary(), title)
+        if errors.solutions is not None:
+            print_search_times(search_times(loaded, unseen.poses[:_TIMED_POSES]))
     else:
         evaluation = evaluate_measured(loaded.robot, measured_dataset(measured))
         print_measured(evaluation, title)

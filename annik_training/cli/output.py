@@ -4,6 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -12,6 +13,7 @@ from annik_core.model.metadata import quality_of
 
 if TYPE_CHECKING:
     from annik_training import Evaluation, TrainedModel
+    from annik_training.evaluation import SearchTimes
 
 
 def print_training(trained: "TrainedModel") -> None:
@@ -26,6 +28,16 @@ def print_training(trained: "TrainedModel") -> None:
     print_evaluation(trained.evaluation, str(trained.path))
 
 
+def print_search_times(times: "SearchTimes") -> None:
+    """Print how long a whole robot's solutions take, and how many they are."""
+    first, every = 1e6 * times.first, 1e6 * times.every
+    click.echo(
+        f"first solution: median {np.median(first):.0f} us, p99 {np.percentile(first, 99):.0f}; "
+        f"all solutions: median {np.median(every):.0f} us, p99 {np.percentile(every, 99):.0f}, "
+        f"{times.counts.mean():.1f} a pose ({len(first)} poses)"
+    )
+
+
 def print_evaluation(evaluation: "Evaluation", title: str) -> None:
     """Print what a node solves with a model, the errors of its network, and what makes it poor."""
     quality = quality_of(evaluation.to_dict())
@@ -36,6 +48,20 @@ def print_evaluation(evaluation: "Evaluation", title: str) -> None:
             f"refined by {refined.mean_steps:.1f} steps ({refined.max_steps} at most), then at "
             f"most {1e9 * refined.position_residual:.0f} nm off"
         )
+    whole = evaluation.whole_robot
+    if whole is not None:
+        click.echo(
+            "whole robot: solutions on every branch, without a joint box, at most "
+            f"{1e9 * whole.position_residual:.0f} nm off; the network is only the first guess of "
+            f"the search, {1e3 * evaluation.position_error.p50:.0f} mm off in the median"
+        )
+    else:
+        _print_network_errors(evaluation)
+    for concern in quality.concerns:
+        click.echo(f"annik: {concern}", err=True)
+
+
+def _print_network_errors(evaluation: "Evaluation") -> None:
     table = Table("error", *vars(evaluation.position_error), title="the network alone")
     table.caption = f"{evaluation.examples} random poses of the joint box"
     for name, error, factor in (
@@ -45,5 +71,3 @@ def print_evaluation(evaluation: "Evaluation", title: str) -> None:
         # Escaped: to rich, a unit in brackets is markup.
         table.add_row(escape(name), *(f"{factor * value:.4g}" for value in vars(error).values()))
     Console().print(table)
-    for concern in quality.concerns:
-        click.echo(f"annik: {concern}", err=True)

@@ -24,7 +24,7 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
     """Map of a network's errors over the joint box and the workspace, as PNG.
 
     One panel per joint: position error against the joint's position, as median and 99th
-    percentile, with a mark at every pose that refinement did not solve. One more panel: median
+    percentile, with a mark at every pose that a node does not solve. One more panel: median
     error by distance from the base axis and height.
     """
     robot = errors.dataset.robot
@@ -35,8 +35,8 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
     axes = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
     errors_mm = np.maximum(1e3 * errors.distances, 1e-9)
     failed = np.zeros(len(errors_mm), dtype=np.bool_)
-    if errors.refined is not None:
-        failed = ~errors.refined.converged
+    if errors.unsolved is not None:
+        failed = errors.unsolved
     for axis, joint in zip(axes, free, strict=False):
         turns = robot.joint_types[joint] != "prismatic"
         positions = errors.dataset.joint_positions[:, joint]
@@ -52,7 +52,7 @@ def error_map(errors: NetworkErrors, dots_per_inch: int = 150) -> bytes:
         axis.set_axis_off()
     for axis in axes:
         axis.tick_params(labelsize=7)
-    not_solved = "" if errors.refined is None else f"; {failed.sum()} not solved after refinement"
+    not_solved = "" if errors.unsolved is None else f"; {failed.sum()} not solved"
     figure.suptitle(
         f"{_plain(robot.name)}: error of the network alone, {len(errors_mm)} random poses"
         f"{not_solved}",

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.urdf_texts import joint, planar_arm, urdf
 
+from annik_core.robots.arm import arm_from_definition
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.designs.registry import random_dataset
@@ -18,6 +19,19 @@ from annik_training.fitting.branches import single_branch
 from annik_training.joint_box import findings, mobility
 
 SHARED = Path(__file__).parents[3] / "shared" / "robots"
+
+
+def boxed(robot: Robot) -> Robot:
+    """The robot in a joint box as wide as its limits, but for a hair."""
+    box, kind = robot.joint_box, np.array(robot.joint_types)
+    joint = int(np.argmin(kind == "continuous"))
+    lower, upper = box.lower[joint] + 1e-6, box.upper[joint] - 1e-6
+    name = robot.joint_names[joint]
+    definition = dict(robot.definition)
+    definition["joint_box"] = {**definition["joint_box"], name: [float(lower), float(upper)]}
+    return arm_from_definition(definition, "test")
+
+
 WRIST = {"roll": "1 0 0", "pitch": "0 1 0", "yaw": "0 0 1"}
 
 
@@ -93,7 +107,7 @@ class TestFindings:
         )
         assert "branch" in others[-1]
         wide = load_robot(planar_arm().replace('"3"', '"3.1416"').replace('"-3"', '"-3.1416"'))
-        dimensions, turns, branches = findings(wide)
+        dimensions, turns, branches = findings(boxed(wide))
         assert "shoulder, elbow, wrist" in turns
         assert "full turn" in turns
         assert "3 joints move: poses in 3 dimensions only" in dimensions
@@ -140,6 +154,16 @@ class TestFindings:
         text = planar_arm().replace('lower="-3" upper="3"', limit)
         assert not any("degrees" in line for line in findings(load_robot(text)))
 
+    def test_of_a_whole_robot_no_box_is_asked_for(self) -> None:
+        """Redundant or of few joints: nothing is to be locked or made smaller."""
+        for robot in (telescopes(), load_robot(planar_arm())):
+            assert robot.has_whole_box
+            told = findings(robot)
+            assert not any("--joint-box" in line or "Lock" in line for line in told)
+            assert told[-1].startswith("whole robot: ")
+        assert "infinitely many" in findings(telescopes())[0]
+        assert "3 dimensions only" in findings(load_robot(planar_arm()))[0]
+
     def test_of_the_gantry(self, gantry: Robot) -> None:
         assert len(findings(gantry)) == 1
 
@@ -153,7 +177,7 @@ class TestSharedRobots:
         rows = {row["name"]: row for row in csv.DictReader((SHARED / "index.csv").open())}
         frames = {key: rows[name][key] for key in ("base_frame", "end_effector_frame")}
         robot = load_robot(SHARED / f"{name}.urdf", **frames, joint_box=joint_box or None)
-        return "\n".join(findings(robot))
+        return "\n".join(findings(boxed(robot)))
 
     def test_stretch3(self) -> None:
         assert "Lock 3 of joint_arm_l3, joint_arm_l2, joint_arm_l1, joint_arm_l0," in self.told(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -94,3 +95,15 @@ def test_a_list_without_end_is_cut() -> None:
 @pytest.mark.parametrize("number", [1e305, -1e305, 7.0, -0.5])
 def test_numbers_that_are_no_part_are_told_all_the_same(number: float) -> None:
     assert refined(number, number).summary
+
+
+@pytest.mark.parametrize(
+    ("answered", "concerns"), [(1.0, []), (0.995, []), (0.9949, ["poor: "]), (0.0, ["poor: "])]
+)
+def test_of_a_whole_robot(answered: float, concerns: list[str]) -> None:
+    """Neither a joint box nor redundant joints concern it."""
+    whole = {"answered": answered, "right": answered}
+    quality = quality_of({"whole_robot": whole, "redundant_joints": ["lift", "slide"]})
+    assert quality.summary.startswith(f"{math.floor(1e4 * answered) / 100:g} % of random poses")
+    assert [concern[:6] for concern in quality.concerns] == concerns
+    assert quality_of({"whole_robot": {"answered": "all"}}) == Quality("unknown", [])

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
+from support.urdf_texts import joint, urdf
 
 from annik_core.errors import InvalidValue
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
+from annik_core.robots.library import load_robot
 from annik_core.robots.robot import FULL_TURN
 from annik_core.safety import AcceptanceLimits, IkStatus
 from annik_core.solver.ik_solver import IkSolver, SolverMode
@@ -167,3 +169,32 @@ class TestContinued:
         turned = HOME + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 5.5])
         result = ur5e.solve(pose_at(ur5e, turned + 0.01), turned)
         assert result.joint_positions == pytest.approx(turned + 0.01, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("joint_box", "mode"),
+    [
+        (None, SolverMode.WHOLE_ROBOT),
+        ({"slide": [0.0, 0.5], "turn": [-3.0, 3.0]}, SolverMode.WHOLE_ROBOT),
+        ({"slide": [0.0, 0.4]}, SolverMode.REFINED),
+        ({"turn": [0.5, 0.5]}, SolverMode.REFINED),
+        ({"spin": [-3.0, 3.0]}, SolverMode.REFINED),
+    ],
+)
+def test_a_robot_without_a_smaller_joint_box_is_whole(
+    joint_box: dict[str, list[float]] | None, mode: SolverMode
+) -> None:
+    """Limits of two turns, and a continuous joint, have a box of one turn by default."""
+    robot = load_robot(
+        urdf(
+            ["base", "a", "b", "c", "tip"],
+            joint("slide", "base", "a", "prismatic", limit='lower="0" upper="0.5"'),
+            joint("turn", "a", "b", limit='lower="-3" upper="3"'),
+            joint("turns", "b", "c", limit='lower="-6.3" upper="6.3"'),
+            joint("spin", "c", "tip", "continuous", limit='lower="-1" upper="1"'),
+        ),
+        joint_box=joint_box,
+    )
+    assert SolverMode.AUTO.of(robot) is mode
+    for asked in set(SolverMode) - {SolverMode.AUTO}:
+        assert asked.of(robot) is asked

@@ -140,9 +140,9 @@ def test_help_names_every_option_of_a_fit_and_its_defaults() -> None:
     text = " ".join(invoke("train", "--help").output.split())
     for option in settings_of(FitOptions):
         assert (option.description in text) == (option.name in FIT_NAMES)
-    fits = [DEFAULTS[kind].fit.restarts for kind in ("gantry", "arm")]
-    assert "Default: gantry: {}; arm: {}.".format(*fits) in text
-    assert "Default: gantry: 20; arm: 48,48." in text
+    fits = [usual.fit.restarts for usual in DEFAULTS.values()]
+    assert "Default: gantry: {}; arm: {}; whole arm: {}.".format(*fits) in text
+    assert "Default: gantry: 20; arm: 48,48; whole arm: 24." in text
 
 
 def test_design_checks_and_saves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,10 +18,11 @@ from support.six_joint_arm import BASE, BOX, FLANGE, FRAMES, JOINT_BOX, JOINTS, 
 from annik_core.dataset import Dataset
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
+from annik_core.solver.ik_solver import IkSolver, SolverMode
 from annik_training.cli import cli, main
 from annik_training.cli.options import FIT_NAMES, chosen_dataset, chosen_fit
 from annik_training.cli.train import ConflictingOptions, train
-from annik_training.defaults import DEFAULTS
+from annik_training.defaults import DEFAULTS, WHOLE_ARM
 from annik_training.fitting.options import FitOptions
 
 ARM_FIT = DEFAULTS["arm"].fit
@@ -74,6 +75,31 @@ def test_an_arm_is_trained_from_its_urdf(arm_model: Path) -> None:
     assert solved < printed.index("the network alone")
 
 
+def test_an_arm_without_a_box_is_trained_and_evaluated_as_a_whole(arm: Path) -> None:
+    """No word of a box to choose; the file says what is answered and that it is right."""
+    trained = invoke(
+        *("train", "--robot", arm, *FRAMES, "--evaluation-poses", 300, "--out", "m.onnx")
+    )
+    assert trained.exit_code == 0, trained.output
+    model = load_model(Path("m.onnx"))
+    assert IkSolver(model).chosen_mode is SolverMode.WHOLE_ROBOT
+    whole = DEFAULTS[WHOLE_ARM]
+    assert (model.metadata.design, model.metadata.examples) == (whole.design, whole.size)
+    assert model.metadata.fit_options == whole.fit.to_dict()
+    assert "refined" not in model.metadata.evaluation
+    evaluation = model.metadata.evaluation["whole_robot"]
+    assert evaluation["answered"] == evaluation["right"] >= 0.99
+    assert 0.0 < evaluation["position_residual_m"] < 1e-6
+    assert model.quality.concerns == []
+    assert Path("m.onnx").stat().st_size < 3e6
+    evaluated = invoke("evaluate", "m.onnx", "--evaluation-poses", 50, "--plot", "map.png")
+    assert evaluated.exit_code == 0, evaluated.output
+    for output in (trained.output, evaluated.output):
+        assert "% of random poses within the joint limits answered" in words(output)
+        assert not re.search("ambiguous|redundant|smaller|--joint-box", output)
+    assert re.search("first solution: .* us.*all solutions: .*50 poses", words(evaluated.output))
+
+
 @pytest.mark.slow
 def test_evaluate_measures_an_arm_and_draws_a_map(arm_model: Path, tmp_path: Path) -> None:
     plot = tmp_path / "new" / "map.png"
@@ -105,7 +131,12 @@ def test_robot_shows_joints_frames_box_and_branches(arm: Path) -> None:
 @pytest.mark.parametrize(
     ("robot", "options", "said"),
     [
-        ("arm.urdf", FRAMES, r"two branches or more: [\d.]+ % of the joint box are beyond"),
+        ("arm.urdf", FRAMES, "whole robot: "),
+        (
+            "arm.urdf",
+            (*FRAMES, "--joint-box", "swivel=-1:1"),
+            r"two branches or more: [\d.]+ % of the joint box are beyond",
+        ),
         ("ur5e", (), r"two branches or more: [345]\.\d % of the joint box are beyond"),
         ("scara", (), "4 joints move: poses in 4 dimensions only"),
         (

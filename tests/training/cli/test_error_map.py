@@ -51,7 +51,7 @@ def test_of_an_arm_with_failures(figures: list[Figure]) -> None:
     assert failed > 0
     assert error_map(seen).startswith(b"\x89PNG")
     (figure,) = figures
-    assert figure.get_suptitle().endswith(f"60 random poses; {failed} not solved after refinement")
+    assert figure.get_suptitle().endswith(f"60 random poses; {failed} not solved")
     joints = [f"{name} [deg]" for name in seen.dataset.robot.joint_names]
     assert labels(figure) == [*joints, "distance from the base axis [m]"]
     for axis in figure.axes[:6]:
