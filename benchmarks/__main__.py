@@ -19,6 +19,7 @@ BENCHMARKS = {
         "Calibrate real arms from public measurements, by annik and by others.",
     ),
     "ik": ("benchmarks.ik.command", "Inverse kinematics beside the solvers of others."),
+    "robots": ("benchmarks.robots.command", "Every URDF of a folder, within its joint limits."),
     "node": ("benchmarks.node.command", "ik_node beside a node that does nothing: half an hour."),
 }
 #: Run when no name is given.

@@ -1,0 +1,98 @@
+"""The benchmark of whole robots: its folder, its oracle, and the command on one arm. ROS-free."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from annik_core.robots.library import load_robot
+from benchmarks.robots.command import page, robots
+from benchmarks.robots.folder import ArmFile, NoRobots, arms_of, longest_chain
+from benchmarks.robots.oracle import Oracle
+
+BRANCHED = """<robot name="r">
+  <joint name="a" type="revolute"><parent link="root"/><child link="one"/></joint>
+  <joint name="b" type="fixed"><parent link="one"/><child link="camera"/></joint>
+  <joint name="c" type="prismatic"><parent link="one"/><child link="two"/></joint>
+  <joint name="d" type="fixed"><parent link="two"/><child link="tip"/></joint>
+</robot>"""
+
+
+@pytest.fixture(scope="module")
+def ur5e() -> ArmFile:
+    robot = load_robot("ur5e")
+    urdf = str(robot.definition["urdf"])
+    return ArmFile("ur5e", urdf, robot.base_frame, robot.end_effector_frame)
+
+
+@pytest.fixture(scope="module")
+def oracle(ur5e: ArmFile) -> Oracle:
+    return Oracle.of(ur5e)
+
+
+def test_the_longest_chain_has_most_moving_joints() -> None:
+    assert longest_chain(BRANCHED) == ("root", "tip")
+
+
+def test_an_index_names_the_frames(tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        (tmp_path / f"{name}.urdf").write_text(BRANCHED)
+    (tmp_path / "index.csv").write_text("name,base_frame,end_effector_frame\nsecond,root,camera\n")
+    assert [(arm.name, arm.end_effector_frame) for arm in arms_of(tmp_path)] == [
+        ("first", "tip"),
+        ("second", "camera"),
+    ]
+
+
+def test_a_folder_without_urdfs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(NoRobots):
+        arms_of(tmp_path)
+
+
+def test_the_oracle_knows_limits_and_kinematics(oracle: Oracle) -> None:
+    robot = load_robot("ur5e")
+    positions = oracle.sample(20, np.random.default_rng(1))
+    assert oracle.lower == pytest.approx(robot.joint_limits.lower)
+    assert oracle.within_limits(positions).all()
+    assert not oracle.within_limits(positions + 10.0).any()
+    poses = robot.forward_kinematics.poses(positions)
+    distances, angles = oracle.errors(positions, poses)
+    assert max(distances.max(), angles.max()) < 1e-12
+
+
+def test_restarts_find_the_eight_solutions_of_a_ur(oracle: Oracle) -> None:
+    rng = np.random.default_rng(3)
+    home = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])
+    pose = oracle.poses(home[np.newaxis])[0]
+    found = oracle.distinct(oracle.refined(oracle.sample(300, rng), pose))
+    assert len(found) == 8
+    assert np.abs(found - home).max(axis=1).min() < 1e-9
+
+
+def test_a_short_step_needs_what_it_takes(oracle: Oracle) -> None:
+    before = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])
+    after = before + 1e-3
+    pose = oracle.poses(after[np.newaxis])[0]
+    assert oracle.needed(before, after, pose) == pytest.approx(1e-3, rel=0.02)
+    assert oracle.continues(before, pose)
+
+
+def test_the_command_measures_a_folder(ur5e: ArmFile, tmp_path: Path) -> None:
+    (tmp_path / "ur5e.urdf").write_text(ur5e.urdf, encoding="utf-8")
+    (tmp_path / "bad.urdf").write_text(BRANCHED, encoding="utf-8")
+    amounts = {"poses": 10, "recall-poses": 3, "restarts": 100, "paths": 2, "points": 10}
+    options = [f"--{name}={amount}" for name, amount in amounts.items()]
+    result = CliRunner().invoke(robots, [str(tmp_path), "--out", str(tmp_path), *options])
+    assert result.exit_code == 0, result.output
+    data = json.loads((tmp_path / "robots.json").read_text(encoding="utf-8"))
+    assert set(data["refused"]) == {"bad"}
+    (arm,) = data["arms"]
+    assert arm["joints"] == "RRRRRR"
+    assert arm["answered"] == arm["right"] == arm["recall"] == 1.0
+    assert arm["solutions"] > 2
+    assert arm["paths"]["wrong"] == arm["paths"]["large_steps"] == 0
+    assert (tmp_path / "robots.md").read_text(encoding="utf-8") == page(data)
