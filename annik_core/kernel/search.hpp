@@ -119,6 +119,7 @@ class Search {
       : within_(refinement),
         around_(std::move(refinement)),
         drawn_(examples),
+        length_(length),
         reduced_(within_.chain, length) {
     for (const std::size_t joint : around_.free) {
       double &low = around_.lower[joint], &high = around_.upper[joint];
@@ -160,7 +161,8 @@ class Search {
     return found;
   }
 
-  // Along the straight line from the pose at ``previous``, as far as the joints move steadily.
+  // Along the straight line from the pose at ``previous``, as far as the joints move steadily, and
+  // to a near target not much further than the line needs.
   Followed follow(const Joints& previous, const Placement& target) const {
     const Placement from = within_.chain.pose(previous);
     Linearisation linear;
@@ -175,10 +177,15 @@ class Search {
       within_.chain.linearise(positions, goal, linear);
       Joints predicted = positions;
       if (!within_.step(linear, linear.squared(), predicted)) break;
+      avoid_limits(linear, positions, predicted);
       const Refined refined = within_.search(predicted, goal, within_.max_newton_steps);
       steps += refined.newton_steps + 1;
       if (refined.converged && steady(positions, predicted, refined.joint_positions)) {
         positions = refined.joint_positions;
+        if (last && leaps(previous, from, positions, target)) {
+          positions = previous;
+          break;
+        }
         if (last)
           return {positions, refined.position_residual, refined.orientation_residual, steps, true};
         done += part;
@@ -219,6 +226,60 @@ class Search {
   static constexpr int MOST_PARTS = 64, SAMPLES = 16;
   static constexpr double LEAST_PART = 1.0 / 512.0, STEADY = 0.5, SMALL = 1e-3,
                           LONG = 0.5;
+  static constexpr double NEAR = 0.2, LEAP = 1.5, ROUNDING = 1e-4;
+  static constexpr double MARGIN = 0.1, AVOID = 0.4, LEAST_DAMPING = 1e-9;
+
+  // Redundant joints near a limit are moved away from it while the others move, without a motion
+  // of the end effector: a joint that stops at its limit would make the others move at once.
+  void avoid_limits(const Linearisation& linear, const Joints& from, Joints& predicted) const {
+    const std::vector<std::size_t>& free = within_.free;
+    if (free.size() <= 6) return;
+    Joints away{};
+    double motion = 0.0, most = 0.0;
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      const std::size_t joint = free[i];
+      const double low = within_.lower[joint], high = within_.upper[joint];
+      const double zone = MARGIN * std::min(high - low, FULL_TURN);
+      away[i] = std::max(0.0, 1.0 - (predicted[joint] - low) / zone) -
+                std::max(0.0, 1.0 - (high - predicted[joint]) / zone);
+      motion = std::max(motion, std::abs(predicted[joint] - from[joint]));
+    }
+    // Less what moves the end effector.
+    Jacobian columns;
+    Twist moved{};
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      columns[i] = linear.jacobian[free[i]];
+      for (std::size_t row = 0; row < 6; ++row) moved[row] += columns[i][row] * away[i];
+    }
+    Joints back;
+    if (!damped_least_squares(columns, moved, free.size(), LEAST_DAMPING, back)) return;
+    for (std::size_t i = 0; i < free.size(); ++i) most = std::max(most, std::abs(away[i] -= back[i]));
+    const double share = AVOID * motion * std::min(1.0, most) / std::max(most, 1e-9);
+    for (std::size_t i = 0; i < free.size(); ++i) predicted[free[i]] += share * away[i];
+    predicted = within_.projected(predicted);
+  }
+
+  // Whether a joint moved much further to a near target than the first order says at both ends.
+  bool leaps(const Joints& previous, const Placement& from, const Joints& to,
+             const Placement& target) const {
+    const double motion = longest(previous, to);
+    Linearisation linear;
+    const auto needed = [&](const Joints& at, const Placement& goal) {
+      Joints moved = at;
+      within_.chain.linearise(at, goal, linear);
+      return within_.step(linear, linear.squared(), moved) ? longest(at, moved) : 0.0;
+    };
+    const double first = needed(previous, target);
+    if (linear.position_residual() / length_ + linear.orientation_residual() > NEAR) return false;
+    return motion > LEAP * first + ROUNDING && motion > LEAP * needed(to, from) + ROUNDING;
+  }
+
+  double longest(const Joints& a, const Joints& b) const {
+    double motion = 0.0;
+    for (const std::size_t joint : within_.free)
+      motion = std::max(motion, std::abs(a[joint] - b[joint]));
+    return motion;
+  }
 
   bool turns(std::size_t joint) const { return within_.chain.joints[joint].turns; }
 
@@ -371,6 +432,7 @@ class Search {
   Refinement within_, around_;  // with the limits; turning joints without them
   double ratio_;
   std::size_t drawn_;  // points of the sequence that are examples
+  double length_;      // that counts as much as a radian
   std::vector<Joints> examples_;
   std::vector<Placement> reached_;
   ReducedPose reduced_;

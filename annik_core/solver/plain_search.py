@@ -13,7 +13,11 @@ from scipy.spatial.transform import Rotation
 from annik_core.pose import FloatArray, rotation_matrix
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import FULL_TURN, ForwardKinematics, unwrapped
-from annik_core.solver.refinement import Refinement, from_singularity
+from annik_core.solver.refinement import (
+    Refinement,
+    damped_least_squares,
+    from_singularity,
+)
 from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import FoundSolution, FoundSolutions
 
@@ -35,6 +39,11 @@ _ALONE, _LEAST_ALONE, _MOST_ALONE = 0.25, 2e-4, 0.05
 _MOST_PARTS, _LEAST_PART = 64, 1.0 / 512.0
 #: A steady step is at most this long [rad or m]; its correction is at most a part of it, or small.
 _LONG, _STEADY, _SMALL = 0.5, 0.5, 1e-3
+#: To a target nearer than this, in radians and lengths, joints move at most so many times what
+#: the first order says, and what is rounding [rad or m].
+_NEAR, _LEAP, _ROUNDING = 0.2, 1.5, 1e-4
+#: Part of a joint's range next to a limit that redundant joints avoid, and how much of the motion.
+_MARGIN, _AVOID, _LEAST_DAMPING = 0.1, 0.4, 1e-9
 #: Samples of a joint motion that is searched for a singularity.
 _SAMPLES = 16
 #: Close to the axis of the first joint its angle means little [scaled lengths].
@@ -115,11 +124,15 @@ class PlainSearch:
             predicted = self._within.step(linear.jacobian, linear.twist, squared, positions)
             if predicted is None:
                 break
+            predicted = self._avoiding_limits(linear.jacobian, positions, predicted)
             steps += 1
             result = self._within.search(predicted, goal, self.options.max_newton_steps)
             steps += result.newton_steps
             if result.converged and self._steady(positions, predicted, result.joint_positions):
                 positions = result.joint_positions
+                if last and self._leaps(previous, start, positions, target):
+                    positions = previous
+                    break
                 if last:
                     residuals = result.position_residual, result.orientation_residual
                     return FoundSolution(positions, *residuals, steps, True)
@@ -140,6 +153,47 @@ class PlainSearch:
         between = first + np.linspace(0.0, 1.0, _SAMPLES + 1)[:, np.newaxis] * (second - first)
         signs = np.linalg.det(self.kinematics.jacobians(between)[:, :, free]) > 0.0
         return bool((signs == signs[0]).all())
+
+    def _avoiding_limits(
+        self, jacobian: FloatArray, start: FloatArray, predicted: FloatArray
+    ) -> FloatArray:
+        """Redundant joints near a limit are moved away from it, the end effector apart.
+
+        A joint that stops at its limit would make the others move at once.
+        """
+        free = self.limits.free
+        if len(free) <= 6:
+            return predicted
+        low, high, at = self.limits.lower[free], self.limits.upper[free], predicted[free]
+        zone = _MARGIN * np.minimum(high - low, FULL_TURN)
+        away = np.maximum(0.0, 1.0 - (at - low) / zone) - np.maximum(0.0, 1.0 - (high - at) / zone)
+        motion = np.abs(at - start[free]).max()
+        columns = jacobian[:, free]
+        back = damped_least_squares(columns, columns @ away, _LEAST_DAMPING)
+        if back is None:
+            return predicted
+        away = away - back
+        most = np.abs(away).max()
+        moved = predicted.copy()
+        moved[free] += _AVOID * motion * min(1.0, most) / max(most, 1e-9) * away
+        return self._within.projected(moved)
+
+    def _leaps(
+        self, previous: FloatArray, start: FloatArray, found: FloatArray, target: FloatArray
+    ) -> bool:
+        """Whether a joint moved much further to a near target than both ends say it must."""
+        position, orientation = self.kinematics.residuals(previous, target)
+        if position / self.length + orientation > _NEAR:
+            return False
+        motion = np.abs(found - previous).max()
+        for at, goal in ((previous, target), (found, start)):
+            linear = self.kinematics.linearise(at, goal)
+            squared = float(linear.twist.dot(linear.twist))
+            step = self._within.step(linear.jacobian, linear.twist, squared, at)
+            needed = 0.0 if step is None else np.abs(step - at).max()
+            if motion <= _LEAP * needed + _ROUNDING:
+                return False
+        return True
 
     @cached_property
     def _turning(self) -> list[int]:

@@ -156,7 +156,7 @@ class Refinement:
         motion = _short_newton_step(jacobian, twist) if squared < _NEAR else None
         damping = _DAMPING * squared + _LEAST_DAMPING
         if motion is None:
-            motion = _damped_least_squares(jacobian, twist, damping)
+            motion = damped_least_squares(jacobian, twist, damping)
         if motion is None:
             return None
         if some_locked:
@@ -193,7 +193,7 @@ class Refinement:
             moving, columns = moving[~outside], columns[~outside]
             if len(moving) == 0:
                 break
-            motion = _damped_least_squares(jacobian[:, columns], twist, damping)
+            motion = damped_least_squares(jacobian[:, columns], twist, damping)
             if motion is None:
                 return None
             candidate[moving] = positions[moving] + motion
@@ -215,7 +215,7 @@ def _short_newton_step(jacobian: FloatArray, twist: FloatArray) -> FloatArray | 
     return motion if not fault and motion.dot(motion) < _SHORT else None
 
 
-def _damped_least_squares(
+def damped_least_squares(
     jacobian: FloatArray, twist: FloatArray, damping: float
 ) -> FloatArray | None:
     """The joint motion of least |J dq - e|^2 + damping |dq|^2; None if it can't be computed."""

@@ -145,6 +145,33 @@ class TestFollow:
         assert found.orientation_residual == pytest.approx(0.2, abs=0.02)
         assert robot.joint_limits.contains(found.joint_positions)
 
+    @pytest.mark.parametrize("arm", ["ur5e", "xarm6", "puma560"])
+    def test_close_to_a_singularity_joints_do_not_spin(self, arm: str) -> None:
+        """A near target is left rather than reached by a motion that its ends do not need."""
+        robot, rng = load_robot(arm), np.random.default_rng(3)
+        search, kinematics = search_for(robot, RefinementOptions()), robot.forward_kinematics
+        arrived = left = 0
+        for start in drawn(robot, 200, seed=4):
+            start[4] = rng.normal(scale=0.02)  # the wrist is nearly straight
+            pose = kinematics.poses((start + rng.normal(scale=0.03, size=6))[np.newaxis])[0]
+            found = search.follow(start, pose)
+            left += not found.found
+            if not found.found:
+                continue
+            arrived += 1
+            motion = np.abs(found.joint_positions - start).max()
+            begin = kinematics.poses(start[np.newaxis])[0]
+            needed = [
+                np.abs(np.linalg.pinv(linear.jacobian, rcond=1e-6) @ linear.twist).max()
+                for linear in (
+                    kinematics.linearise(start, pose),
+                    kinematics.linearise(found.joint_positions, begin),
+                )
+            ]
+            assert motion <= 1.5 * max(needed) + 2e-3
+        assert arrived > 50
+        assert left > 0
+
     def test_a_branch_is_another_beyond_a_singularity(self) -> None:
         robot = load_robot("ur5e")
         search = search_for(robot, RefinementOptions())
