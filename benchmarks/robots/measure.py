@@ -207,7 +207,7 @@ def _measured_paths(
     largest = ratio = 0.0
     for first in oracle.sample(settings.paths, rng):
         last = np.clip(first + rng.uniform(-_FAR, _FAR, dof), *oracle.full_range)
-        if dof < FINITE:
+        if oracle.dimensions < FINITE:
             # These reach few of the poses between two: theirs are on a straight line of joints.
             shares = np.linspace(0.0, 1.0, settings.points)[:, np.newaxis]
             poses = oracle.poses(first + shares * (last - first))
@@ -217,7 +217,7 @@ def _measured_paths(
         previous = first
         for pose in poses[1:]:
             asked += 1
-            candidate = solver.continued(pose, none, previous)
+            candidate = solver.continued(pose, previous, lambda: none)
             if candidate.branch_end or not candidate.converged:
                 ends["branch ends" if candidate.branch_end else "not converged"] += 1
                 too_early += oracle.continues(previous, pose)

@@ -136,15 +136,25 @@ class Oracle:
             near = near[np.abs(apart).max(axis=1) > _APART]
         return np.array(kept).reshape(-1, len(self.lower))
 
+    @cached_property
+    def dimensions(self) -> int:
+        """In which the end effector moves, nearly everywhere."""
+        positions = self.sample(20, np.random.default_rng(0))
+        _, jacobians = self._linearised(positions, self.poses(positions))
+        values = np.linalg.svd(jacobians, compute_uv=False)
+        return int((values > _SINGULAR * values[:, :1]).sum(axis=1).max())
+
     def needed(self, before: FloatArray, after: FloatArray, pose: FloatArray) -> float:
         """The largest step of a joint that a pose ``(7,)`` needs [rad or m].
 
         By the pseudo-inverse of the Jacobian, at the joint positions ``(dof,)`` before the step or
-        at those after it, where it is larger.
+        at those after it, where it is larger. A joint that stands at a limit can't help.
         """
         twist = self._linearised(before[np.newaxis], pose[np.newaxis])[0][0]
         _, jacobians = self._linearised(np.array([before, after]), pose[np.newaxis])
-        inverses = np.linalg.pinv(jacobians, rcond=_SINGULAR)
+        standing = (after <= self.lower + _EDGE) | (after >= self.upper - _EDGE)
+        held = jacobians * ~standing
+        inverses = np.linalg.pinv(np.concatenate([jacobians, held]), rcond=_SINGULAR)
         return float(np.abs(inverses @ twist).max())
 
     def continues(self, before: FloatArray, pose: FloatArray) -> bool:
