@@ -268,7 +268,7 @@ def _when(row: Parameter) -> str:
 
 
 PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
-    README: {"topics": topics},
+    README: {"topics": topics, "calibrate": result("calibrate_short")},
     DOCS / "api.md": {"api": api},
     DOCS / "ros_interface.md": {
         "topics": topics,
@@ -282,7 +282,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     DOCS / "architecture.md": {"kernel size": kernel_size},
     DOCS / "training.md": {"designs": designs, "phases": phases},
     DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
-    LEARN: {"learn_robot": result("learn_robot")},
+    LEARN: {"calibrate": result("calibrate"), "learn_robot": result("learn_robot")},
     DOCS / "whole_robot.md": {"robots": result("robots")},
     DOCS / "performance.md": {"node_bench": result("node_bench")},
 }

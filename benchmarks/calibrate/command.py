@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from benchmarks.calibrate.methods import METHODS
-from benchmarks.calibrate.page import figure, page
+from benchmarks.calibrate.page import figure, page, short_page
 from benchmarks.calibrate.problems import cached_sets
 from benchmarks.calibrate.run import Job, Outcome, Settings, jobs_of, run_all
 from benchmarks.command_line import (
@@ -72,4 +72,5 @@ def calibrate(
 
     outcomes = run_all(jobs_of(folder, sets, settings), out / "outcomes.jsonl", workers, tell)
     write_table("calibrate", page(sets, settings, outcomes), folders)
+    write_table("calibrate_short", short_page(sets, settings, outcomes), folders)
     write_results(image_folders, {FIGURE: figure(sets, settings, outcomes)})

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import MEASURED, Dataset
 from annik_core.robots.library import load_robot
-from annik_training.calibration.calibrate import CalibrationOptions, calibrate
+from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
 from benchmarks.calibrate.geometry import FloatArray, fit_poses, fit_sockets
 from benchmarks.calibrate.problems import MeasuredSet, Rows
 
@@ -89,6 +89,12 @@ def _version_0_1(one: MeasuredSet, rows: Rows, joint_positions: FloatArray) -> P
     poses = np.linalg.inv(base) @ measured @ np.linalg.inv(tool)
     dataset = Dataset(robot, rows.joint_positions, _poses(poses), "measured", {}, 0, MEASURED)
     found = calibrate(robot, dataset, CalibrationOptions(position_only=rows.rotations is None))
+    return _predicted(found, base, tool, joint_positions)
+
+
+def _predicted(
+    found: CalibratedRobot, base: FloatArray, tool: FloatArray, joint_positions: FloatArray
+) -> Prediction:
     reached = found.robot.forward_kinematics.poses(joint_positions)
     turned = Rotation.from_quat(reached[:, 3:]).as_matrix()
     where = base @ _matrices(reached[:, :3], turned) @ tool

@@ -15,6 +15,8 @@ from benchmarks.calibrate.run import Job, Outcome, Settings
 from benchmarks.conditions import machine
 from benchmarks.markdown import markdown_table
 
+#: Rows of the short table.
+_SHORT = 100
 Outcomes = Mapping[Job, Outcome]
 #: By method; others in grey.
 _COLOURS = {
@@ -34,8 +36,9 @@ def page(sets: Sequence[MeasuredSet], settings: Settings, outcomes: Outcomes) ->
         "<!-- Written by ./run bench calibrate -->",
         "",
         f"Mean / largest error on rows that were not used; means over {settings.splits} random "
-        "splits, or over the placements, each left out once. The same splits for all methods; "
-        f"the smallest mean of a line is bold. {methods[0].upper()}{methods[1:]}. {machine()}",
+        "splits, or over the placements, each left out once. The same splits for all methods, but "
+        "those that a method refused are not in its mean; the smallest mean of a line is bold. "
+        f"{methods[0].upper()}{methods[1:]}. {machine()}",
     ]
     if poses:
         header = ("poses, position error [mm]", "rows", *settings.methods, "within the bound [%]")
@@ -59,6 +62,22 @@ def page(sets: Sequence[MeasuredSet], settings: Settings, outcomes: Outcomes) ->
             markdown_table(header, rows, len(header) - 1),
         ]
     return lines
+
+
+def short_page(sets: Sequence[MeasuredSet], settings: Settings, outcomes: Outcomes) -> list[str]:
+    """A line for each set, of 100 rows or the most below."""
+    rows = []
+    for one in sets:
+        sizes = dict(_by_size(one, outcomes))
+        size = max((size for size in sizes if size <= _SHORT), default=max(sizes))
+        means = [_mean(sizes[size], name) for name in settings.methods]
+        shown = [f"{1e3 * mean:.2f}" if math.isfinite(mean) else "" for mean in means]
+        rows.append(
+            (one.name, "ball in sockets" if one.has_sockets else "poses", str(size), *shown)
+        )
+    header = ("mean error on other rows [mm]", "measured", "rows", *settings.methods)
+    table = markdown_table(header, rows, len(header) - 2)
+    return ["<!-- Written by ./run bench calibrate -->", "", table]
 
 
 def _by_size(one: MeasuredSet, outcomes: Outcomes) -> Iterator[tuple[int, dict[Job, Outcome]]]:
@@ -127,7 +146,10 @@ def figure(sets: Sequence[MeasuredSet], settings: Settings, outcomes: Outcomes) 
         for name in settings.methods:
             points = [(size, 1e3 * _mean(mine, name)) for size, mine in _by_size(one, outcomes)]
             axis.plot(*zip(*points, strict=True), "o-", color=_COLOURS.get(name), label=name)
-        axis.set(title=one.name, xlabel="rows", xscale="log", yscale="log")
+        sizes = [size for size, _ in _by_size(one, outcomes)]
+        axis.set(title=one.name, xlabel="rows", xscale="log", ylim=(0.0, None))
+        axis.set_xticks(sizes, list(map(str, sizes)))
+        axis.minorticks_off()
     if sockets:
         axis = axes[-1]
         names = [name for name in settings.methods if METHODS[name].knows_sockets]

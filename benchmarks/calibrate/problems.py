@@ -147,10 +147,12 @@ def _sockets(folder: Path) -> Iterator[MeasuredSet]:
         ]
         numbers = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
         rows = Rows(np.concatenate(parts), sockets=numbers)
-        yield MeasuredSet(robot.name, _description(nominal, rows), BALL, (), rows)
+        urdf = _description(nominal, rows)
+        if urdf is not None:
+            yield MeasuredSet(robot.name, urdf, BALL, (), rows)
 
 
-def _description(nominal: list[Path], rows: Rows) -> Path:
+def _description(nominal: list[Path], rows: Rows) -> Path | None:
     """Of the descriptions with as many joints, the one whose balls are nearest to each other."""
     sockets = rows.sockets
     assert sockets is not None
@@ -163,4 +165,4 @@ def _description(nominal: list[Path], rows: Rows) -> Path:
             spreads[path] = sum(
                 float(balls[sockets == socket].std(axis=0).sum()) for socket in np.unique(sockets)
             )
-    return min(spreads, key=lambda path: spreads[path])
+    return min(spreads, key=lambda path: spreads[path], default=None)
