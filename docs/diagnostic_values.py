@@ -57,6 +57,9 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "thousand accepted: median",
         "expected error p99 [mm]": "99th percentile",
         "expected error max [mm]": "greatest",
+        "solutions requested": "how often all solutions of a pose were asked for on "
+        "solutions_target",
+        "solutions found": "how many that were together",
         **_of("target", _COUNTS),
         "expected target rate [Hz]": "the parameter expected_rate, if it is not 0",
         **_of("target", _LAST),

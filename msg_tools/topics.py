@@ -37,6 +37,22 @@ TARGET_POSES = Topic(
     "ik_node",
     "a path of target poses in the base frame, solved as a whole: one joint_trajectory, or none",
 )
+SOLUTIONS_TARGET = Topic(
+    "solutions_target",
+    "geometry_msgs/msg/PoseStamped",
+    "you",
+    "ik_node",
+    "a pose whose solutions are asked for, without moving the robot; frame as target_pose_stamped",
+)
+SOLUTIONS = Topic(
+    "solutions",
+    "trajectory_msgs/msg/JointTrajectory",
+    "ik_node",
+    "you",
+    "all joint positions that reach solutions_target [rad or m], one point each, nearest to the "
+    "robot first: choices, not a motion, so all times are zero; none: no points; stamp: that of "
+    "solutions_target",
+)
 JOINT_COMMAND = Topic(
     "joint_command",
     "sensor_msgs/msg/JointState",

@@ -96,12 +96,16 @@ class SolveSummary:
     Attributes:
         latency: time from the arrival of an accepted target to its command [s].
         expected_error: expected position errors of the latest accepted ones [m]; NaN if unknown.
+        solution_requests: how often all solutions were asked for.
+        solutions_found: how many that were together.
     """
 
     outcomes: OutcomeSummary
     solve_time: Percentiles
     latency: Percentiles
     expected_error: Percentiles
+    solution_requests: int = 0
+    solutions_found: int = 0
 
 
 class SolveStatistics:
@@ -112,6 +116,7 @@ class SolveStatistics:
         self._solve_times: deque[float] = deque(maxlen=max(1, window))
         self._latencies: deque[float] = deque(maxlen=max(1, window))
         self._expected_errors: deque[float] = deque(maxlen=max(1, window))
+        self._solution_requests = self._solutions_found = 0
 
     def record(self, result: IkResult, solve_time: float | None = None) -> None:
         """Count one result and its solve time [s], unless it is that of a path."""
@@ -131,6 +136,11 @@ class SolveStatistics:
         """Note the time from the arrival of an accepted target to its command [s]."""
         self._latencies.append(latency)
 
+    def record_solutions(self, found: int) -> None:
+        """Count a request for all solutions, and how many were found."""
+        self._solution_requests += 1
+        self._solutions_found += found
+
     def begin_period(self, now: float) -> OutcomeSummary:
         """Begin a new period at ``now`` [s]; the counts alone, which takes next to no time."""
         return self._outcomes.end_period(now)
@@ -142,6 +152,8 @@ class SolveStatistics:
             _percentiles(self._solve_times),
             _percentiles(self._latencies),
             _percentiles(self._expected_errors),
+            self._solution_requests,
+            self._solutions_found,
         )
 
 

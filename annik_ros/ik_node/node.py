@@ -23,7 +23,7 @@ from annik_core.errors import AnnikError, ConversionError
 from annik_core.installation import default_model_path, model_path
 from annik_core.kernel import NO_KERNEL, compiled_kernel
 from annik_core.robots.robot import Robot
-from annik_core.safety import IkStatus
+from annik_core.safety import IkStatus, Refusal
 from annik_core.serving.ik_server import IkServer
 from annik_core.solver.result import IkResult
 from annik_ros.declare_parameters import current_parameters, declare_parameters
@@ -50,7 +50,13 @@ from msg_tools.conversions.cdr import (
     pose_numbers_from_bytes,
     pose_stamped_from_bytes,
 )
-from msg_tools.topics import TARGET_POSE, TARGET_POSE_STAMPED, TARGET_POSES, Topic
+from msg_tools.topics import (
+    SOLUTIONS_TARGET,
+    TARGET_POSE,
+    TARGET_POSE_STAMPED,
+    TARGET_POSES,
+    Topic,
+)
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
@@ -86,6 +92,14 @@ class Serving:
         self._subscriptions: dict[Topic, Subscription] = {}
         for topic in self._targets:
             self._subscribe(topic)
+        # None is replaced by a later one, since each is answered.
+        self._subscriptions[SOLUTIONS_TARGET] = node.create_subscription(
+            PoseStamped,
+            SOLUTIONS_TARGET.name,
+            node.on_solutions_target,
+            reliable(RESULT_DEPTH),
+            raw=True,
+        )
         try:
             # Not above: it loads slowly.
             from annik_core.model.artifact import load_model
@@ -298,6 +312,31 @@ class IkNode(ManagedNode):
         elif path_result.joint_positions is not None:
             serving.publishers.publish_path(path_result.joint_positions)
 
+    def on_solutions_target(self, data: bytes) -> None:
+        """Publish all solutions of a pose, none if it is refused."""
+        serving = self._serving
+        if serving is None or not self._active:
+            return
+        try:
+            request = pose_stamped_from_bytes(data)
+        except ConversionError as error:
+            self._warn_of_solutions(f"malformed message: {error}")
+            return
+        try:
+            target = self._in_base_frame(lambda _: request)(data)
+            turns = self.options.solution_turns
+            found = serving.server.solutions(target.poses[0], target.frame_id, turns=turns)
+        except NoTransform as error:
+            found = Refusal(IkStatus.WRONG_FRAME, str(error))
+        if isinstance(found, Refusal):
+            self._warn_of_solutions(f"{found.status.value}: {found.reason}")
+            found = []
+        serving.publishers.publish_solutions(found, request.nanoseconds)
+
+    def _warn_of_solutions(self, problem: str) -> None:
+        if self._warning.is_due():
+            self.get_logger().warning(f"no solutions are sought, {problem}")
+
     def on_error_of_callback(self, error: Exception) -> None:
         """Count and log an unexpected error, and continue."""
         self._callback_errors += 1
@@ -440,6 +479,8 @@ class IkNode(ManagedNode):
                 **self._serving.measured.diagnostic_values(),
                 **time_values(summary),
                 **expected_error_values(summary),
+                "solutions requested": str(summary.solution_requests),
+                "solutions found": str(summary.solutions_found),
             },
             self.options.command_safety.expected_rate if self._active else 0.0,
             self._serving.others.trouble(),

@@ -85,6 +85,11 @@ class IkNodeParameters:
         unit="s",
         within=(1e-3, 1000.0),
     )
+    solution_turns: bool = changeable(
+        False,
+        "solutions has every solution in all full turns that the joint limits allow, not only in "
+        "the nearest one.",
+    )
     max_path_poses: int = changeable(
         1000,
         "Most poses in target_poses, which bounds the time of its solution; other targets wait.",

@@ -5,7 +5,7 @@ takes several times as long as publishing its bytes.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,13 @@ from msg_tools.conversions.joint_state import (
 )
 from msg_tools.conversions.pose import pose_stamped_from_array
 from msg_tools.conversions.stamp import split_stamp, stamp_from_nanoseconds
-from msg_tools.topics import ACCEPTED_TARGET, JOINT_COMMAND, JOINT_TRAJECTORY, POSITION_COMMANDS
+from msg_tools.topics import (
+    ACCEPTED_TARGET,
+    JOINT_COMMAND,
+    JOINT_TRAJECTORY,
+    POSITION_COMMANDS,
+    SOLUTIONS,
+)
 
 #: A stamp that no clock has [ns].
 _STAMP = -2_000_000_011_987_654_321
@@ -94,6 +100,7 @@ class CommandPublishers:
                 (PoseStamped, ACCEPTED_TARGET),
                 (JointTrajectory, JOINT_TRAJECTORY),
                 (Float64MultiArray, POSITION_COMMANDS),
+                (JointTrajectory, SOLUTIONS),
             )
         ]
         (
@@ -101,6 +108,7 @@ class CommandPublishers:
             self._target_publisher,
             self._trajectory_publisher,
             self._positions_publisher,
+            self._solutions_publisher,
         ) = self._publishers
         self._last: FloatArray | None = None
         self.topic_name: str = self._command_publisher.topic_name
@@ -133,6 +141,13 @@ class CommandPublishers:
         """
         self._last = None
         self._trajectory_publisher.publish(self._trajectory(joint_positions))
+
+    def publish_solutions(self, solutions: Sequence[IkResult], stamp: int) -> None:
+        """Publish all solutions of a pose, with the stamp of the request [ns]."""
+        rows = np.array([one.joint_positions for one in solutions])
+        rows, names = rows.reshape(-1, len(self._joint_names)), self._joint_names
+        message = joint_trajectory_from_array(rows, names, 0.0, stamp_from_nanoseconds(stamp))
+        self._solutions_publisher.publish(message)
 
     def repeat(self) -> None:
         """Publish the last command again with a new stamp, if there was one."""

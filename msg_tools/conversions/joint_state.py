@@ -61,11 +61,14 @@ def joint_state_from_array(
 
 
 def joint_trajectory_from_array(
-    joint_positions: ArrayLike, joint_names: Sequence[str], interval: float
+    joint_positions: ArrayLike,
+    joint_names: Sequence[str],
+    interval: float,
+    stamp: Time | None = None,
 ) -> JointTrajectory:
     """The trajectory through joint positions ``(n, dof)`` [rad or m], ``interval`` [s] apart.
 
-    The first row is due after one interval. The stamp is zero: start at once.
+    The first row is due after one interval. The stamp is zero if left out: start at once.
 
     Raises:
         WrongShape: if a row has not one position per name.
@@ -77,7 +80,8 @@ def joint_trajectory_from_array(
         JointTrajectoryPoint(positions=row, time_from_start=_duration((index + 1) * interval))
         for index, row in enumerate(array.tolist())
     ]
-    return JointTrajectory(joint_names=list(joint_names), points=points)
+    header = Header() if stamp is None else Header(stamp=stamp)
+    return JointTrajectory(header=header, joint_names=list(joint_names), points=points)
 
 
 def position_command_from_array(joint_positions: ArrayLike) -> Float64MultiArray:

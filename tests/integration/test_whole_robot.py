@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
@@ -111,3 +114,54 @@ def test_a_branch_is_followed_from_where_the_robot_is_until_it_ends(
     (changed,) = _commands(client, solver, beyond)
     assert np.abs(changed - previous).max() == pytest.approx(nearest, abs=1e-6)
     assert np.abs(_pose(solver, changed) - beyond).max() < 1e-6
+
+
+def test_all_solutions_are_given_on_request_and_the_robot_stays(
+    launch: Callable[..., Any], client: Any, solver: IkSolver
+) -> None:
+    """Nearest to the robot first, with the stamp of the request; none for what has none."""
+    robot, target = solver.robot, _pose(solver, ENDING)
+    launch("ik_node", *WHOLE_ROBOT, ready=False)
+    requests = client.node.create_publisher(PoseStamped, "solutions_target", 10)
+    client.listen("solutions", JointTrajectory)
+
+    def answer(pose: FloatArray, stamp: int, frame: str = "") -> FloatArray:
+        message = client.pose_stamped(pose, stamp, frame)
+        client.repeat_until(
+            lambda: requests.publish(message),
+            lambda: stamp in client.stamps("solutions"),
+            "an answer with the stamp of the request",
+            pause=2.0,
+        )
+        (*_, found) = client.received["solutions"]
+        assert tuple(found.joint_names) == robot.joint_names
+        return np.array([point.positions for point in found.points]).reshape(-1, robot.dof)
+
+    alone = answer(target, 1)
+    assert len(alone) == 8
+    for joint_positions in alone:
+        assert np.abs(_pose(solver, joint_positions) - target).max() < 1e-6
+        assert robot.joint_limits.violation(joint_positions) is None
+    assert answer(target, 2, robot.base_frame).tolist() == alone.tolist()
+    assert not len(answer(target, 3, "elsewhere"))
+    assert not len(answer(_moved(target, 1000), 4))
+
+    states = client.node.create_publisher(JointState, "joint_states", 10)
+    client.repeat_until(
+        lambda: states.publish(joint_state_from_array(ENDING, robot.joint_names)),
+        lambda: (
+            np.abs(answer(target, 5 + len(client.received["solutions"]))[0] - ENDING).max() < 1e-2
+        ),
+        "the solution where the robot is",
+    )
+    assert client.set_parameter("ik_node", "solution_turns", True).successful
+    turned = answer(target, 1000)
+    turns = (turned[:, np.newaxis] - alone) / (2.0 * np.pi)
+    of = np.abs(turns - np.round(turns)).max(axis=2).argmin(axis=1)
+    assert set(of) == set(range(8))
+    assert len(turned) == len(np.unique(turned.round(6), axis=0)) > 100
+    _, values = client.wait_for_status(
+        "ik_node", lambda values: int(values["solutions found"]) > 100, "the counts"
+    )
+    assert int(values["solutions requested"]) >= len(client.received["solutions"])
+    assert not client.received["joint_command"]
