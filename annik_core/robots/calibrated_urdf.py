@@ -5,6 +5,7 @@ depends on the joint positions, such as deflection and the errors of transmissio
 """
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -19,7 +20,7 @@ from annik_core.robots.definition import checked_numbers
 from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_core.robots.screw_chain import joint_origin
+from annik_core.robots.screw_chain import ScrewChain, joint_origin
 from annik_core.robots.urdf import add_joint, as_numbers, as_text
 from annik_core.robots.urdf_text import parsed
 
@@ -36,7 +37,15 @@ _UR_NUMBERS = ("x", "y", "z", "roll", "pitch", "yaw")
 #: How far a calibrated joint may be from its description [m], [rad]. Offsets along axes that are
 #: nearly parallel may be centimetres.
 _NEAR, _NEAR_ANGLE = 0.1, np.radians(10.0)
-_POSES = 1000
+_POSES = 300
+#: Parts of corrections that change poses and are not geometric.
+_OTHER_PARTS = frozenset(f.name for f in fields(ArmCorrections)) - {
+    "placements",
+    "error_bound",
+    "provenance",
+}
+#: Steps to the nearest geometry; natural units of its motions [m], [rad].
+_STEPS, _LENGTH, _ANGLE = 4, 1e-3, 5e-3
 
 
 class LeftOut(NamedTuple):
@@ -48,9 +57,52 @@ class LeftOut(NamedTuple):
 
 
 def geometric_robot(robot: Robot) -> Robot:
-    """A calibrated arm with the geometric part of its corrections alone."""
-    corrections = {"placements": robot.definition["corrections"]["placements"]}
-    return robot_from_definition({**robot.definition, "corrections": corrections}, robot.name)
+    """A calibrated arm with corrections of its geometry alone.
+
+    Those of the calibration; or, if that has other parts too, the geometry that is nearest to all
+    of them, by least squares over the joint box.
+    """
+    corrections = robot.definition["corrections"]
+    geometric = _with_placements(robot, corrections["placements"])
+    if set(corrections) & _OTHER_PARTS:
+        joint_positions = robot.joint_box.sample(_POSES, np.random.default_rng(1))
+        wanted = robot.forward_kinematics.poses(joint_positions)
+        for _ in range(_STEPS):
+            geometric = _nearer(geometric, joint_positions, wanted)
+    return geometric
+
+
+def _with_placements(robot: Robot, placements: Any) -> Robot:
+    definition = {**robot.definition, "corrections": {"placements": placements}}
+    return robot_from_definition(definition, robot.name)
+
+
+def _nearer(geometric: Robot, joint_positions: FloatArray, wanted: FloatArray) -> Robot:
+    """One Gauss-Newton step towards poses ``(n, 7)``, over the motions at all places."""
+    placements = np.array(geometric.definition["corrections"]["placements"])
+    chain = ScrewChain.from_urdf(geometric.definition["urdf"]).moved(placements)
+    frames = chain.frames(joint_positions)
+    end = frames[-1, :, :3, 3]
+    places = [np.tile(np.eye(4), (len(end), 1, 1)), *frames[:-1]]
+    columns = np.zeros((len(end), 6, len(places), 6))
+    for place, frame in enumerate(places):
+        axes, lever = frame[:, :3, :3], (end - frame[:, :3, 3])[:, :, np.newaxis]
+        columns[:, :3, place, :3] = axes * _LENGTH
+        columns[:, :3, place, 3:] = np.cross(axes, lever, axis=1) * _ANGLE
+        columns[:, 3:, place, 3:] = axes * _ANGLE
+    turned = Rotation.from_matrix(frames[-1, :, :3, :3])
+    turn = (Rotation.from_quat(wanted[:, 3:]) * turned.inv()).as_rotvec()
+    rows = np.concatenate([(wanted[:, :3] - end) / _LENGTH, turn / _ANGLE], axis=1)
+    columns[:, :3] /= _LENGTH
+    columns[:, 3:] /= _ANGLE
+    matrix = columns.reshape(-1, 6 * len(places))
+    # Slightly damped: some motions, such as those along parallel axes, change no pose.
+    normal = matrix.T @ matrix + 1e-6 * len(matrix) * np.eye(matrix.shape[1])
+    step = np.linalg.solve(normal, matrix.T @ rows.ravel()).reshape(-1, 6)
+    turns = Rotation.from_rotvec(step[:, 3:] * _ANGLE)
+    shifts = step[:, :3] * _LENGTH + turns.apply(placements[:, :3])
+    quaternions = (turns * Rotation.from_quat(placements[:, 3:])).as_quat(canonical=True)
+    return _with_placements(geometric, np.concatenate([shifts, quaternions], axis=1).tolist())
 
 
 def left_out(robot: Robot) -> LeftOut:
@@ -73,8 +125,8 @@ def calibrated_urdf(robot: Robot, description: str | None = None) -> str:
             URDF has the chain alone.
     """
     chain = parsed(robot.definition["urdf"], robot.name)
-    corrections = ArmCorrections.from_dict(robot.definition["corrections"], robot.dof, robot.name)
-    motions = [_matrix(motion) for motion in corrections.placements]
+    placements = geometric_robot(robot).definition["corrections"]["placements"]
+    motions = [_matrix(motion) for motion in np.array(placements)]
     root, joints = chain, list(chain.iter("joint"))
     origins = dict(zip(map(_name, joints), map(joint_origin, joints), strict=True))
     if description is not None:

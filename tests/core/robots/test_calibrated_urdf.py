@@ -100,6 +100,13 @@ def test_a_comment_says_how_much_is_left_out() -> None:
     amounts = left_out(corrected(robot, both))
     assert 0.0 < amounts.mean < amounts.largest < 0.05
     assert f"{1e3 * amounts.largest:.3g} mm" in calibrated_urdf(corrected(robot, both))
+    unfitted = corrected(robot, ArmCorrections(both.placements))
+    joint_positions = robot.joint_box.sample(200, np.random.default_rng(3))
+    apart, _ = pose_distance(
+        unfitted.forward_kinematics.poses(joint_positions),
+        corrected(robot, both).forward_kinematics.poses(joint_positions),
+    )
+    assert amounts.mean < 0.7 * apart.mean()
     geometry = ArmCorrections(both.placements)
     assert left_out(corrected(robot, geometry)).largest < 1e-12
 
