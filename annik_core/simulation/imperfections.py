@@ -17,7 +17,12 @@ from annik_core.errors import AnnikError, InvalidValue
 from annik_core.files import bounded_yaml, read_text
 from annik_core.pose import FloatArray
 from annik_core.robots.arm_kinematics import JointCorrectedKinematics, arm_kinematics
-from annik_core.robots.corrections import ArmCorrections, JointCorrection, diagonal
+from annik_core.robots.corrections import (
+    ArmCorrections,
+    Deflection,
+    JointCorrection,
+    diagonal,
+)
 from annik_core.robots.kinematic_errors import ErrorKind, geometric_errors, placements_of
 from annik_core.robots.robot import ForwardKinematics, Robot
 from annik_core.robots.screw_chain import ScrewChain
@@ -58,6 +63,12 @@ class InvalidImperfections(AnnikError):
 #: Larger errors are rather millimetres or degrees, given as metres or radians.
 LARGEST_ANGLE: Final = 0.2
 LARGEST_LENGTH: Final = 0.1
+#: Softer joints [rad/(N m)] and heavier links [kg] are rather a mistake in units.
+LARGEST_COMPLIANCE: Final = 1e-3
+LARGEST_MASS: Final = 1000.0
+#: Acceleration of gravity [m/s^2], and its direction in the base frame of an arm on the floor.
+GRAVITY: Final = 9.81
+DOWN: Final = (0.0, 0.0, -1.0)
 #: The largest seed of random errors and of noise.
 LARGEST_SEED: Final = 2**31 - 1
 
@@ -73,6 +84,14 @@ JOINT_ENTRIES: Final = {
         ("transmission_amplitude", "Of the periodic error.", "rad", 0.0, LARGEST_ANGLE),
         ("transmission_phase", "Of the periodic error.", "rad", -2.0 * math.pi, 2.0 * math.pi),
         ("backlash", "Motion while its drive stands still.", "rad or m", 0.0, LARGEST_LENGTH),
+        (
+            "compliance",
+            "Turn under the moment of gravity about its axis.",
+            "rad/(N m)",
+            0.0,
+            LARGEST_COMPLIANCE,
+        ),
+        ("link_mass", "Of the link after it, all of it at its end.", "kg", 0.0, LARGEST_MASS),
     )
 }
 
@@ -104,6 +123,8 @@ class Imperfections:
     transmission_amplitude: FloatArray
     transmission_phase: FloatArray
     backlash: FloatArray
+    compliance: FloatArray
+    link_mass: FloatArray
     position_noise: float = setting(
         0.0,
         "Standard deviation of a measured position along each axis.",
@@ -178,22 +199,21 @@ def check_fit(imperfections: Imperfections, robot: Robot, source: str) -> None:
 
     Raises:
         InvalidImperfections: if the robot is not an arm or has another number of joints, or a
-            prismatic joint has a transmission error, which is periodic in an angle.
+            prismatic joint has what only a joint that turns can have.
     """
     check_arm(robot)
     if imperfections.dof != robot.dof:
         raise InvalidImperfections(
             source, f"they are for {imperfections.dof} joints; {robot.name} has {robot.dof}"
         )
-    for joint, kind, amplitude in zip(
-        robot.joint_names, robot.joint_types, imperfections.transmission_amplitude, strict=True
-    ):
-        if kind == "prismatic" and amplitude > 0.0:
-            raise InvalidImperfections(
-                source,
-                f"transmission_amplitude of {joint} is {amplitude:g}; it must be 0, since the "
-                "joint is prismatic",
-            )
+    for name in ("transmission_amplitude", "compliance"):
+        values = getattr(imperfections, name).tolist()
+        for joint, kind, value in zip(robot.joint_names, robot.joint_types, values, strict=True):
+            if kind == "prismatic" and value > 0.0:
+                raise InvalidImperfections(
+                    source,
+                    f"{name} of {joint} is {value:g}; it must be 0, since the joint is prismatic",
+                )
 
 
 def imperfect_kinematics(robot: Robot, imperfections: Imperfections) -> ForwardKinematics:
@@ -211,12 +231,21 @@ def imperfect_kinematics(robot: Robot, imperfections: Imperfections) -> ForwardK
         arm_kinematics(
             robot.joint_names,
             ScrewChain.from_urdf(robot.definition["urdf"]),
-            ArmCorrections(placements_of(errors, amounts, robot.dof)),
+            ArmCorrections(
+                placements_of(errors, amounts, robot.dof), deflection=_deflection(imperfections)
+            ),
         ),
         PeriodicTransmissionError(
             imperfections.transmission_amplitude, imperfections.transmission_phase
         ),
     )
+
+
+def _deflection(imperfections: Imperfections) -> Deflection | None:
+    """How the joints turn under the weight of the links; None: not at all."""
+    weights = GRAVITY * imperfections.link_mass
+    turns_per_lever = np.outer(imperfections.compliance, weights)
+    return Deflection(turns_per_lever, np.array(DOWN)) if turns_per_lever.any() else None
 
 
 def read_imperfections(path: str | Path, robot: Robot) -> Imperfections:
@@ -323,6 +352,20 @@ class ImperfectionMagnitudes(CheckedSettings):
     backlash: float = setting(
         0.0, "Largest random backlash of a joint.", unit="rad or m", within=(0.0, LARGEST_LENGTH)
     )
+    joint_compliance: float = setting(
+        0.0,
+        "Largest random turn of a revolute joint under a moment of gravity of 1 N m; the arm "
+        "stands on a floor.",
+        unit="rad/(N m)",
+        within=(0.0, LARGEST_COMPLIANCE),
+    )
+    link_mass: float = setting(
+        5.0,
+        "Largest random mass of a link, all of it at its end; without joint_compliance it has no "
+        "effect.",
+        unit="kg",
+        within=(0.0, LARGEST_MASS),
+    )
     position_noise: float = setting(
         20e-6,
         "Standard deviation of a measured position along each axis.",
@@ -358,6 +401,7 @@ def random_imperfections(
     # Further rows must follow these, or the same seeds would give other robots.
     zero, offset, length, twist = rng.uniform(-1.0, 1.0, (4, robot.dof))
     amplitude, phase, backlash = rng.uniform(0.0, 1.0, (3, robot.dof))
+    compliance, mass = rng.uniform(0.0, 1.0, (2, robot.dof))
     turns = np.array([kind != "prismatic" for kind in robot.joint_types])
     return Imperfections(
         joint_zero=magnitudes.joint_zero_error * zero,
@@ -367,6 +411,8 @@ def random_imperfections(
         transmission_amplitude=magnitudes.transmission_error * amplitude * turns,
         transmission_phase=2.0 * math.pi * phase,
         backlash=magnitudes.backlash * backlash,
+        compliance=magnitudes.joint_compliance * compliance * turns,
+        link_mass=magnitudes.link_mass * mass,
         position_noise=magnitudes.position_noise,
         orientation_noise=magnitudes.orientation_noise,
         dropped=magnitudes.dropped_measurements,

@@ -17,6 +17,7 @@ from annik_core.errors import AnnikError, InvalidValue
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
+from annik_core.robots.screw_chain import ScrewChain
 from annik_core.settings import settings_of
 from annik_core.simulation.fake_robot import CommandOutsideLimits, FakeRobot
 from annik_core.simulation.imperfections import (
@@ -172,6 +173,37 @@ def test_the_slopes_of_a_transmission_error_are_those_of_its_positions() -> None
     )
 
 
+@pytest.mark.parametrize("name", ARMS)
+def test_a_soft_joint_turns_as_the_weight_of_the_links_falls(name: str) -> None:
+    """By its compliance times the derivative of the links' potential energy."""
+    robot = load_robot(name)
+    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
+    rng = np.random.default_rng(4)
+    compliance = rng.uniform(1e-5, 1e-4, robot.dof) * turns
+    mass = rng.uniform(0.5, 10.0, robot.dof)
+    q, step = within_limits(robot, 5), 1e-5
+
+    def energy(positions: FloatArray) -> float:
+        frames = ScrewChain.from_urdf(robot.definition["urdf"]).frames(positions)
+        return 9.81 * float(mass @ frames[1:, 2, 3])
+
+    soft = imperfect_kinematics(robot, imperfect(robot, compliance=compliance, link_mass=mass))
+    for positions in q:
+        moved = [
+            (energy(positions + by) - energy(positions - by)) / (2.0 * step)
+            for by in step * np.eye(robot.dof)
+        ]
+        sagged = positions - compliance * moved
+        np.testing.assert_allclose(
+            soft.poses(positions[np.newaxis]),
+            robot.forward_kinematics.poses(sagged[np.newaxis]),
+            rtol=0,
+            atol=1e-8,
+        )
+        # Every axis of a scara is vertical.
+        assert (np.abs(sagged - positions).max() > 1e-5) == (name != "scara")
+
+
 def test_what_an_arm_has_learned_does_not_change_the_real_one() -> None:
     """A model with corrections is of the same robot."""
     placements = np.tile([1e-3, 0, 0, 0, 0, 0, 1.0], (7, 1)).tolist()
@@ -207,6 +239,8 @@ def test_what_is_drawn_is_within_its_magnitude_and_the_same_for_a_seed(
         ("link_twist", magnitudes.link_twist_error),
         ("transmission_amplitude", magnitudes.transmission_error),
         ("backlash", magnitudes.backlash),
+        ("compliance", magnitudes.joint_compliance),
+        ("link_mass", magnitudes.link_mass),
     ):
         assert np.abs(getattr(drawn, name)).max() <= largest
     assert drawn.dropped == magnitudes.dropped_measurements
@@ -237,6 +271,8 @@ def test_a_joint_that_shifts_has_no_gear() -> None:
     scara = load_robot("scara")
     drawn = random_imperfections(scara, 1)
     assert (drawn.transmission_amplitude > 0).tolist() == [True, True, False, True]
+    with pytest.raises(InvalidImperfections, match=r"joint3 is 1e-05"):
+        imperfect_kinematics(scara, imperfect(scara, compliance=[0, 0, 1e-5, 0]))
     with pytest.raises(InvalidImperfections, match=r"joint3 is 0\.01"):
         imperfect_kinematics(scara, imperfect(scara, transmission_amplitude=[0, 0, 0.01, 0]))
 
@@ -310,7 +346,7 @@ def test_no_number_is_printed_by_accident() -> None:
         assert not any(
             f"{number:.4g}" in text
             for name in JOINT_ENTRIES
-            if name != "backlash"
+            if name not in ("backlash", "compliance")
             for number in getattr(drawn, name)
         )
 
