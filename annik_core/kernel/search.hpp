@@ -219,7 +219,7 @@ class Search {
   }
 
  private:
-  static constexpr std::size_t FEW = 8, NEAREST = 512, BATCH = 8;
+  static constexpr std::size_t FEW = 8, NEAREST = 256, BATCH = 8;
   static constexpr int IDLE_BATCHES = 2, MOST_STEPS = 20, PATIENCE = 6;
   static constexpr double FAR = 1.0, LEAST_RADIUS = 2e-4, GREATEST_RADIUS = 0.05;
   static constexpr double APART = 0.8, FINE = 1e-9, FOUND = 1e-6;
@@ -307,13 +307,18 @@ class Search {
         if (try_start(from_example(index, target))) return;
     }
     nearest_.find(features, NEAREST, near);
-    std::vector<Joints> tried;
+    // The first and the last joint follow from the others.
+    std::vector<const Joints*> tried;
     for (const auto& [squared, index] : near) {
-      const Joints start = from_example(index, target);
-      const auto close = [&](const Joints& other) { return this->near(start, other, APART); };
+      const Joints& example = examples_[index];
+      const auto close = [&](const Joints* other) {
+        for (std::size_t joint = 1; joint + 1 < within_.chain.size(); ++joint)
+          if (std::abs(example[joint] - (*other)[joint]) > APART) return false;
+        return true;
+      };
       if (std::any_of(tried.begin(), tried.end(), close)) continue;
-      tried.push_back(start);
-      if (try_start(start)) return;
+      tried.push_back(&example);
+      if (try_start(from_example(index, target))) return;
     }
     std::size_t reflected = 0;
     const auto reflect = [&] {
@@ -397,8 +402,11 @@ class Search {
 
   bool near(const Joints& a, const Joints& b, double distance) const {
     for (const std::size_t joint : within_.free) {
-      double away = a[joint] - b[joint];
-      if (turns(joint)) away -= FULL_TURN * std::nearbyint(away / FULL_TURN);
+      double away = std::abs(a[joint] - b[joint]);
+      if (away <= distance) continue;
+      // Most are less than a turn apart, and need no rounding.
+      if (!turns(joint) || away < FULL_TURN - distance) return false;
+      away -= FULL_TURN * std::nearbyint(away / FULL_TURN);
       if (std::abs(away) > distance) return false;
     }
     return true;

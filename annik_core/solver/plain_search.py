@@ -22,8 +22,9 @@ from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import FoundSolution, FoundSolutions
 
 #: Of them, those nearest to a target; for one solution a few are tried first.
-_NEAREST, _FEW = 512, 8
-#: Starts this far from all others are tried, by their largest difference [rad or m].
+_NEAREST, _FEW = 256, 8
+#: Examples this far from all others are tried, by their largest difference between the first and
+#: the last joint [rad or m].
 _APART = 0.8
 #: Starts of the sequence in a batch, and batches without a new solution that end the search.
 _BATCH, _IDLE_BATCHES = 8, 2
@@ -245,17 +246,20 @@ class PlainSearch:
         examples, poses, reduced, tree = self._stored
         features = reduced.features(target[np.newaxis])[0]
 
-        def nearest(count: int) -> Iterator[FloatArray]:
-            for index in tree.query(features, min(count, len(examples)))[1]:
-                yield reduced.aligned(examples[index], poses[index], target)
+        def nearest(count: int) -> NDArray[np.int64]:
+            rows: NDArray[np.int64] = tree.query(features, min(count, len(examples)))[1]
+            return rows
 
         if one:
-            yield from nearest(_FEW)
+            for row in nearest(_FEW):
+                yield reduced.aligned(examples[row], poses[row], target)
+        # The first and the last joint follow from the others.
         tried: list[FloatArray] = []
-        for start in nearest(_NEAREST):
-            if not any(self._near(start, other, _APART) for other in tried):
-                tried.append(start)
-                yield start
+        for row in nearest(_NEAREST):
+            inner = examples[row, 1:-1]
+            if all((np.abs(inner - other) > _APART).any() for other in tried):
+                tried.append(inner)
+                yield reduced.aligned(examples[row], poses[row], target)
         reflected = 0
 
         def beyond() -> Iterator[FloatArray]:

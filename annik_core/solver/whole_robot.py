@@ -18,8 +18,8 @@ from annik_core.safety import UNKNOWN, Candidate
 from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import FoundSolution, FoundSolutions, Search, SearchOptions
 
-#: Examples that starts are from; they are computed when a model is loaded, in 50 ms.
-EXAMPLES = 20_000
+#: Examples that starts are from; they are computed when a model is loaded, in 25 ms.
+EXAMPLES = 10_000
 #: Beyond this distance from the previous pose, in radians and half reaches, a target need not be
 #: reached by a straight motion of the end effector to continue its branch.
 _FAR = 0.2
