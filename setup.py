@@ -10,7 +10,7 @@ from setuptools.command.build_ext import build_ext
 
 PACKAGE = "annik_ros"
 URL = "https://github.com/annik/annik"
-IMPORT_PACKAGES = ("annik_core", "annik_training", "annik_ros", "msg_tools")
+IMPORT_PACKAGES = ("annik_core", "annik_view", "annik_training", "annik_ros", "msg_tools")
 SHARED_FILES = (
     ("launch", "*.launch.py"),
     ("config", "*.yaml"),
@@ -143,6 +143,8 @@ setup(
             "sympy>=1.12",
             "torch>=2.4",
         ],
+        # The page in the browser.
+        "view": ["viser>=1.0"],
         # colcon takes an extra of this name that has pytest for the order to run it.
         "test": ["hypothesis", "pytest"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
@@ -152,6 +154,8 @@ setup(
             "flake8",
             "hypothesis",
             "mypy",
+            # Drives a Chromium that is installed, in tests and for screenshots.
+            "playwright",
             # Where a build is not isolated, as colcon's, the kernel needs it.
             "pybind11>=2.11",
             "pydocstyle",

@@ -14,7 +14,7 @@ from support.processes import LONG_PATIENCE, ROOT, run_python
 
 from annik_core.kernel import compiled_kernel
 
-PACKAGES = ("annik_core", "annik_training", "msg_tools", "annik_ros")
+PACKAGES = ("annik_core", "annik_view", "annik_training", "msg_tools", "annik_ros")
 NOT_INSTALLED = {"benchmarks", "examples", "tests", "docs"}
 TORCH = {"torch", "onnxscript"}
 ROS = {
@@ -30,7 +30,7 @@ ROS = {
     "trajectory_msgs",
 }
 SLOW = {"numpy", "scipy.optimize", "scipy.spatial", "matplotlib.pyplot", "onnx", "onnxruntime"}
-SLOW |= {"rclpy", "rosbags.typesys", "torch"}
+SLOW |= {"rclpy", "rosbags.typesys", "torch", "viser"}
 
 #: The rooms of each package, bottom first: a room imports rooms above it in this list only.
 LEVELS: Mapping[str, tuple[str, ...]] = {
@@ -54,6 +54,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "simulation",
         "collection",
     ),
+    "annik_view": ("skeleton", "shapes", "solvers", "state", "page"),
     "annik_training": (
         "errors",
         "networks",
@@ -111,6 +112,8 @@ def forbidden(module: str) -> set[str]:
     package, _, rest = module.partition(".")
     if package == "annik_core":
         return NOT_INSTALLED | TORCH | ROS | (set(PACKAGES) - {"annik_core"})
+    if package == "annik_view":
+        return NOT_INSTALLED | TORCH | ROS | (set(PACKAGES) - {"annik_core", "annik_view"})
     if package == "annik_training":
         return NOT_INSTALLED | ROS | {"annik_ros"}
     if package == "msg_tools":

@@ -22,6 +22,7 @@ COMMANDS: Mapping[str, str] = {
     "evaluate": "Measure a model's errors at random poses, or at measured ones.",
     "info": "Check a model file and print its metadata.",
     "export-urdf": "Write the URDF of a model's robot, for RViz and robot_state_publisher.",
+    "view": "Show a robot in the browser, with a target to drag.",
     "report": "Report the tracking error in a bag: tables here, plots in report.html.",
     "doctor": "Check this installation: libraries, ROS 2, models, a target over DDS.",
 }

@@ -68,7 +68,9 @@ def test_script_leads_to_a_function(script) -> None:
     assert callable(getattr(import_module(script.module), script.attr))
 
 
-@pytest.mark.parametrize("package", ["annik_core", "annik_training", "annik_ros", "msg_tools"])
+@pytest.mark.parametrize(
+    "package", ["annik_core", "annik_view", "annik_training", "annik_ros", "msg_tools"]
+)
 def test_import_package_says_that_it_is_typed(package) -> None:
     assert (ROOT / package / "py.typed").is_file()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from support.processes import ROOT
 
-IMPORT_PACKAGES = ("annik_core", "annik_training", "annik_ros", "msg_tools")
+IMPORT_PACKAGES = ("annik_core", "annik_view", "annik_training", "annik_ros", "msg_tools")
 SHARED_FOLDERS = ("config", "launch", "models", "robots")
 #: Environment in which the kernel is compiled in a quarter of the time.
 QUICK_BUILD = {"CXXFLAGS": "-O0"}
