@@ -64,7 +64,7 @@ def test_train_an_arm_from_a_urdf() -> None:
 @pytest.mark.process
 def test_calibrate_a_robot() -> None:
     text = printed("04_calibrate_a_robot")
-    assert "geometry, joint networks" in text
+    assert "geometry, joint series" in text
     assert number(r"\nnominal: ([\d.]+) mm", text) > 1.0
     assert number(r"\ncalibrated: ([\d.]+) mm", text) < 0.06
 

@@ -2,25 +2,32 @@
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import Dataset
 from annik_core.errors import InvalidValue
 from annik_core.pose import FloatArray
+from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
+from annik_core.robots.screw_chain import ScrewChain
 from annik_core.settings import check_settings, setting
-from annik_training.calibration.errors import TooFewMeasurements
-from annik_training.calibration.estimation import Estimate, estimate
+from annik_training.calibration.errors import InvalidMeasurements, TooFewMeasurements
+from annik_training.calibration.estimation import LEAST_NOISE, Estimate, tuned
+from annik_training.calibration.frames import Frames, initial_frames
+from annik_training.calibration.measurements import Measurements
 from annik_training.calibration.model import ParametricModel, Part, check_nominal_arm
 from annik_training.calibration.observations import Noise, Observations, check_measured_alike
 from annik_training.calibration.outliers import find_outliers
 from annik_training.calibration.uncertainty import (
-    check_examples,
+    check_explained,
+    check_moved,
     error_bound_of,
     unidentified_parameters,
 )
@@ -30,17 +37,17 @@ from annik_training.fitting.levenberg_marquardt import one_thread
 CANDIDATES: tuple[frozenset[Part], ...] = (
     frozenset({Part.GEOMETRY}),
     frozenset({Part.GEOMETRY, Part.ALIGNMENT}),
-    frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}),
-    frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_NETWORKS}),
-    frozenset(Part),
+    frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.DEFLECTION}),
+    frozenset({Part.GEOMETRY, Part.JOINT_SERIES}),
+    frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_SERIES}),
+    frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.DEFLECTION, Part.JOINT_SERIES}),
 )
-#: First noise if the dataset states none [m], [rad].
-_UNKNOWN_NOISE = Noise(5e-5, 5e-5)
-#: A gain of more than this many standard errors needs no cross-validation.
-_CLOSE = 4.0
-#: Number of times the noise is estimated anew.
-_NOISE_ROUNDS = 3
-_FOLDS = 5
+#: Where the estimate of the noise begins: that of the nominal robot.
+_FIRST_NOISE = Noise(1e-3, 1e-3)
+#: A squared residual counts at most so many medians: a few large ones decide nothing.
+_LARGEST_RATIO = 25.0
+#: A tool that is off by more is another one than the end effector frame [m], [rad].
+_OTHER_TOOL = (0.02, math.radians(3.0))
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,7 @@ class CalibrationOptions:
     restarts: int = setting(
         2, "Number of fits from random initial networks; the best is used.", within=(1, 100)
     )
+    gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)  #: direction in the base frame
     max_evaluations: int = setting(
         100, "Most evaluations of the residuals in one fit.", within=(1, 100_000)
     )
@@ -70,6 +78,8 @@ class CalibrationOptions:
         if not self.candidates or not all(Part.GEOMETRY in parts for parts in self.candidates):
             allowed = "one set of parts or more, each with the geometry"
             raise InvalidValue("candidates", self.candidates, allowed)
+        if not abs(float(np.linalg.norm(self.gravity)) - 1.0) < 1e-6:
+            raise InvalidValue("gravity", self.gravity, "a unit vector in the base frame")
 
 
 @dataclass(frozen=True)
@@ -78,8 +88,8 @@ class Candidate:
 
     parts: frozenset[Part]
     parameters: int
-    #: Mean square of the leave-one-out residuals, in squared standard deviations of the noise: 1
-    #: is noise alone.
+    #: Mean square of the leave-one-out residuals, in squared standard deviations of the noise that
+    #: the best candidate leaves: 1 is noise alone.
     score: float
     standard_error: float  #: of the score
 
@@ -89,7 +99,9 @@ class CalibratedRobot:
     """A robot calibrated with measured poses."""
 
     robot: Robot  #: the nominal robot with corrections; its definition carries them
-    dataset: Dataset  #: the measured poses, with the nominal robot
+    nominal: Robot
+    measured: Dataset | Measurements
+    frames: Frames  #: base, tool and fixed points, as far as they were unknown
     estimate: Estimate  #: the parameters of the model, and how well they are known
     #: The models that were compared; ``estimate.model.parts`` was chosen.
     candidates: tuple[Candidate, ...]
@@ -100,22 +112,36 @@ class CalibratedRobot:
     seconds: float
 
     @property
+    def dataset(self) -> Dataset:
+        """The measured poses, with the nominal robot.
+
+        Raises:
+            InvalidMeasurements: if what was measured is no dataset.
+        """
+        if not isinstance(self.measured, Dataset):
+            raise InvalidMeasurements("dataset", "what was measured is none")
+        return self.measured
+
+    @property
     def provenance(self) -> dict[str, Any]:
         """How the robot was calibrated, as plain data; its definition carries this too."""
         return dict(self.robot.definition["corrections"]["provenance"])
 
 
 def calibrate(
-    robot: Robot, dataset: Dataset, options: CalibrationOptions | None = None
+    robot: Robot,
+    measured: Dataset | Measurements,
+    options: CalibrationOptions | None = None,
 ) -> CalibratedRobot:
-    """Calibrate a nominal arm with measured poses.
+    """Calibrate a nominal arm with what was measured on it.
 
-    The dataset has joint positions as commanded, and poses of the end effector frame in the base
-    frame.
+    Joint positions are as commanded. A dataset has poses of the end effector frame in the base
+    frame; of measurements, the frames may be unknown.
 
     Raises:
         UnsupportedRobot: if the robot is no nominal arm.
         RobotMismatch: if the poses were measured with other joints or frames.
+        InvalidMeasurements: if they are of another number of joints.
         TooFewMeasurements: naming the least number.
         UnexplainedMeasurements: if the poses are not this robot's.
         ImplausibleErrors: if they are another robot's.
@@ -125,27 +151,48 @@ def calibrate(
     begin = time.perf_counter()
     options = options or CalibrationOptions()
     check_nominal_arm(robot)
-    check_measured_alike(robot, dataset.robot)
-    dataset = replace(dataset, robot=robot)
-    observations = Observations.of(dataset, position_only=options.position_only)
+    if isinstance(measured, Dataset):
+        check_measured_alike(robot, measured.robot)
+        measured = replace(measured, robot=robot)
+        sigma = measured.measurement_noise
+        provenance = {
+            "dataset_hash": measured.content_hash,
+            "measurements_hash": measured.measurements_hash,
+        }
+    else:
+        if measured.joint_positions.shape[1] != robot.dof:
+            raise InvalidMeasurements(
+                "joint_positions",
+                f"{measured.joint_positions.shape[1]} columns, but {robot.name} has "
+                f"{robot.dof} joints",
+            )
+        sigma = measured.sigma
+        provenance = {"measurements_hash": measured.content_hash}
+    observations = Observations.of(measured, position_only=options.position_only)
+    rng = np.random.default_rng(options.seed)
+    simplest = ParametricModel(robot, options.candidates[0])
+    _check_number(simplest, observations, 0)
+    check_moved(robot, observations, _FIRST_NOISE, rng)
+    observations = replace(observations, frames=_frames(robot, measured, observations))
     with one_thread():
-        found, candidates, outliers = _estimate(dataset, observations, options)
+        found, candidates, outliers = _estimate(robot, observations, options, rng)
+        check_explained(found, rng)
+    frames = found.observations.frames.moved(found.unknowns)
+    corrections = found.model.corrections(found.model_parameters)
+    if isinstance(measured, Dataset) and found.observations.frames.tool_unknowns:
+        corrections = _with_tool(robot, corrections, frames.tool)
     unidentified = unidentified_parameters(found)
-    # What the measurements' own spread says, or else all that the model leaves unexplained.
-    noise = dataset.measurement_noise
     corrections = replace(
-        found.model.corrections(found.parameters),
+        corrections,
+        # What the measurements' own spread does not say is the robot's.
         error_bound=error_bound_of(
-            found,
-            found.noise if noise is None else Noise(*noise),
-            np.random.default_rng(options.seed),
+            found, Noise(*(sigma or (0.0, 0.0))), np.random.default_rng(options.seed)
         ),
         provenance={
-            "examples": len(dataset),
+            "examples": len(measured),
             "outliers": np.flatnonzero(outliers).tolist(),
-            "dataset_hash": dataset.content_hash,
-            "measurements_hash": dataset.measurements_hash,
-            "position_only": options.position_only,
+            **provenance,
+            "position_only": not observations.has_orientation,
             "parts": sorted(part.value for part in found.model.parts),
             "position_noise": found.noise.position,
             "orientation_noise": found.noise.orientation,
@@ -156,7 +203,9 @@ def calibrate(
     definition = {**robot.definition, "corrections": corrections.to_dict()}
     return CalibratedRobot(
         robot_from_definition(definition, f"calibrated {robot.name}"),
-        dataset,
+        robot,
+        measured,
+        frames,
         found,
         candidates,
         outliers,
@@ -166,68 +215,54 @@ def calibrate(
     )
 
 
-def predicts_better(
-    flexible: ParametricModel,
-    simple: ParametricModel,
-    observations: Observations,
-    noise: Noise,
-    rng: np.random.Generator,
-) -> bool:
-    """Whether the flexible model's held-out errors are smaller by more than a standard error.
-
-    The closed form for leaving one example out takes the networks for linear, and so flatters
-    flexible models. This cross-validation fits both to parts of the examples instead; ``rng``
-    draws the parts and the initial networks.
-    """
-    fold = rng.permutation(len(observations)) % _FOLDS
-    gains = np.subtract(
-        *(_held_out_squares(model, observations, noise, fold, rng) for model in (simple, flexible))
+def _frames(robot: Robot, measured: Dataset | Measurements, observations: Observations) -> Frames:
+    """Where the fit begins; of a dataset the tool is unknown only if it is another one."""
+    joint_positions = observations.joint_positions
+    poses = robot.forward_kinematics.poses(joint_positions)
+    where = poses[:, :3], Rotation.from_quat(poses[:, 3:]).as_matrix()
+    if not isinstance(measured, Dataset):
+        measurements = (
+            measured if observations.has_orientation else replace(measured, rotations=None)
+        )
+        return initial_frames(measurements, *where)
+    rotations = observations.rotations if observations.has_orientation else None
+    measurements = Measurements(
+        joint_positions, observations.positions, rotations, frame_known=True
     )
-    return bool(gains.mean() > gains.std(ddof=1) / math.sqrt(len(gains)))
+    frames = initial_frames(measurements, *where)
+    shift = float(np.linalg.norm(frames.tool[:3, 3]))
+    turn = float(Rotation.from_matrix(frames.tool[:3, :3]).magnitude())
+    other = shift > _OTHER_TOOL[0] or turn > _OTHER_TOOL[1]
+    return frames if other else Frames.known()
 
 
-def _held_out_squares(
-    model: ParametricModel,
-    observations: Observations,
-    noise: Noise,
-    fold: NDArray[np.int64],
-    rng: np.random.Generator,
-) -> FloatArray:
-    """``(n,)`` squared residuals of each example by the fit without its fold."""
-    squares = np.empty(len(observations))
-    for number in range(_FOLDS):
-        held_out = observations.where(fold == number)
-        rest = observations.where(fold != number)
-        found = estimate(model, rest, noise, model.start(rng))
-        where = model.positions_and_rotations(found.parameters, held_out.joint_positions)
-        squares[fold == number] = (held_out.residuals(*where, noise) ** 2).sum(axis=1)
-    return squares
+def _with_tool(robot: Robot, corrections: ArmCorrections, tool: FloatArray) -> ArmCorrections:
+    """Corrections whose end effector is a tool ``(4, 4)`` in the end effector frame."""
+    end = ScrewChain.from_urdf(robot.definition["urdf"]).placements[-1]
+    placements = corrections.placements.copy()
+    last = np.eye(4)
+    last[:3, :3] = Rotation.from_quat(placements[-1, 3:]).as_matrix()
+    last[:3, 3] = placements[-1, :3]
+    last = last @ end @ tool @ np.linalg.inv(end)
+    placements[-1, :3] = last[:3, 3]
+    placements[-1, 3:] = Rotation.from_matrix(last[:3, :3]).as_quat(canonical=True)
+    return replace(corrections, placements=placements)
 
 
 def _estimate(
-    dataset: Dataset, observations: Observations, options: CalibrationOptions
+    robot: Robot,
+    observations: Observations,
+    options: CalibrationOptions,
+    rng: np.random.Generator,
 ) -> tuple[Estimate, tuple[Candidate, ...], NDArray[np.bool_]]:
-    rng = np.random.default_rng(options.seed)
-    robot = dataset.robot
-    simplest = ParametricModel(robot, options.candidates[0])
-    _check_number(simplest, observations, 0)
-    noise = _UNKNOWN_NOISE
-    if dataset.measurement_noise is not None:
-        noise = _at_least(Noise(*dataset.measurement_noise))
-    outliers = find_outliers(robot, observations, noise, rng)
+    models = [ParametricModel(robot, parts, options.gravity) for parts in options.candidates]
+    linear = [model for model in models if not model.has_networks]
+    outliers = find_outliers(max(linear, key=lambda model: model.size), observations, _FIRST_NOISE)
     kept = observations.where(~outliers)
-    _check_number(simplest, kept, int(outliers.sum()))
-    fits = [
-        _best_estimate(ParametricModel(robot, parts), kept, noise, options, rng)
-        for parts in options.candidates
-    ]
-    candidates = tuple(_judged(found) for found in fits)
-    found = fits[_confirmed(robot, _chosen(candidates), candidates, kept, noise, rng)]
-    for _ in range(_NOISE_ROUNDS):
-        noise = estimated_noise(found, dataset.measurement_noise)
-        found = estimate(found.model, kept, noise, found.parameters, options.max_evaluations)
-    check_examples(found, rng)
-    return found, candidates, outliers
+    _check_number(models[0], kept, int(outliers.sum()))
+    fits = [_best_estimate(model, kept, options, rng) for model in models]
+    candidates = _judged(fits)
+    return fits[_chosen(candidates)], candidates, outliers
 
 
 def _check_number(simplest: ParametricModel, observations: Observations, outliers: int) -> None:
@@ -236,31 +271,37 @@ def _check_number(simplest: ParametricModel, observations: Observations, outlier
         raise TooFewMeasurements(len(observations), least, outliers)
 
 
-def _at_least(noise: Noise) -> Noise:
-    """Noise that residuals can be divided by: an ideal robot's measurements have none."""
-    return Noise(max(noise.position, 1e-7), max(noise.orientation, 1e-7))
-
-
 def _best_estimate(
     model: ParametricModel,
     observations: Observations,
-    noise: Noise,
     options: CalibrationOptions,
     rng: np.random.Generator,
 ) -> Estimate:
     """The best of the restarts, of which a model without networks needs one."""
-    restarts = options.restarts if Part.JOINT_NETWORKS in model.parts else 1
+    restarts = options.restarts if model.has_networks else 1
     fits = [
-        estimate(model, observations, noise, model.start(rng), options.max_evaluations)
+        tuned(model, observations, _FIRST_NOISE, model.start(rng), options.max_evaluations)
         for _ in range(restarts)
     ]
-    return min(fits, key=lambda found: found.cost)
+    return min(fits, key=lambda found: found.noise.position)
 
 
-def _judged(found: Estimate) -> Candidate:
-    squares = (found.left_out_residuals**2).mean(axis=1)
-    error = float(squares.std(ddof=1)) / math.sqrt(len(squares))
-    return Candidate(found.model.parts, found.model.size, float(squares.mean()), error)
+def _judged(fits: Sequence[Estimate]) -> tuple[Candidate, ...]:
+    """Left-out residuals of all in the noise of the fit that leaves least."""
+    scaled = [
+        found.held_out_residuals
+        * np.repeat([found.noise.position, found.noise.orientation], 3)[: found.observations.rows]
+        for found in fits
+    ]
+    best = min(fits, key=lambda found: found.noise.position).noise
+    unit = np.repeat([best.position, best.orientation], 3)[: fits[0].observations.rows]
+    judged = []
+    for found, residuals in zip(fits, scaled, strict=True):
+        squares = ((residuals / unit) ** 2).mean(axis=1)
+        squares = np.minimum(squares, _LARGEST_RATIO * float(np.median(squares)))
+        error = float(squares.std(ddof=1)) / math.sqrt(len(squares))
+        judged.append(Candidate(found.model.parts, found.model.size, float(squares.mean()), error))
+    return tuple(judged)
 
 
 def _chosen(candidates: tuple[Candidate, ...]) -> int:
@@ -273,33 +314,13 @@ def _chosen(candidates: tuple[Candidate, ...]) -> int:
     )
 
 
-def _confirmed(
-    robot: Robot,
-    chosen: int,
-    candidates: tuple[Candidate, ...],
-    observations: Observations,
-    noise: Noise,
-    rng: np.random.Generator,
-) -> int:
-    """The choice; or, if it was close and fails cross-validation, the best simpler candidate."""
-    if chosen == 0:
-        return chosen
-    simpler = min(range(chosen), key=lambda index: candidates[index].score)
-    gain = candidates[simpler].score - candidates[chosen].score
-    if gain > _CLOSE * candidates[simpler].standard_error:
-        return chosen
-    flexible, simple = (
-        ParametricModel(robot, candidates[index].parts) for index in (chosen, simpler)
-    )
-    return chosen if predicts_better(flexible, simple, observations, noise, rng) else simpler
-
-
 def estimated_noise(found: Estimate, known: tuple[float, float] | None) -> Noise:
     """Noise by the residuals of a fit and its degrees of freedom.
 
     The known spread of the measurements [m], [rad] is a lower bound.
     """
-    squares, leverages = found.residuals**2, found.leverages
+    squares = found.observations.weights[:, None] * found.residuals**2
+    leverages = found.leverages
     taken = np.einsum("nrr->r", leverages)
     factors = []
     for rows in (slice(0, 3), slice(3, 6)):
@@ -309,4 +330,4 @@ def estimated_noise(found: Estimate, known: tuple[float, float] | None) -> Noise
     noise = Noise(found.noise.position * factors[0], found.noise.orientation * factors[1])
     if known is not None:
         noise = Noise(max(noise.position, known[0]), max(noise.orientation, known[1]))
-    return _at_least(noise)
+    return Noise(max(noise.position, LEAST_NOISE), max(noise.orientation, LEAST_NOISE))

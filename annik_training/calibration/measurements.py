@@ -90,14 +90,15 @@ class Measurements:
             raise InvalidMeasurements("sigma", f"{self.sigma}, not zero or more")
 
     @classmethod
-    def of(cls, dataset: Dataset) -> "Measurements":
+    def of(cls, dataset: Dataset, *, position_only: bool = False) -> "Measurements":
         """The poses of a dataset: of the end effector frame in the base frame."""
-        for row, column in np.argwhere(~np.isfinite(dataset.poses))[:1]:
-            raise NonFiniteValue(f"row {row} of the poses", float(dataset.poses[row, column]))
+        used = dataset.poses[:, :3] if position_only else dataset.poses
+        for row, column in np.argwhere(~np.isfinite(used))[:1]:
+            raise NonFiniteValue(f"row {row} of the poses", float(used[row, column]))
         return cls(
             dataset.joint_positions,
             dataset.poses[:, :3],
-            Rotation.from_quat(dataset.poses[:, 3:]).as_matrix(),
+            None if position_only else Rotation.from_quat(dataset.poses[:, 3:]).as_matrix(),
             frame_known=True,
             tool_known=True,
             sigma=dataset.measurement_noise,

@@ -12,10 +12,18 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annik_core.pose import FloatArray
-from annik_core.robots.corrections import ArmCorrections, JointNetworks, PoseNetwork
+from annik_core.robots.arm_kinematics import gravity_moments
+from annik_core.robots.corrections import (
+    ArmCorrections,
+    Deflection,
+    JointHarmonics,
+    JointNetworks,
+    PoseNetwork,
+)
 from annik_core.robots.kinematic_errors import (
     ErrorKind,
     GeometricError,
@@ -32,6 +40,8 @@ class Part(Enum):
 
     GEOMETRY = "geometry"
     ALIGNMENT = "alignment"
+    DEFLECTION = "deflection"
+    JOINT_SERIES = "joint series"
     JOINT_NETWORKS = "joint networks"
     POSE_NETWORK = "pose network"
 
@@ -39,6 +49,10 @@ class Part(Enum):
 #: Errors that Denavit and Hartenberg's parameters can't express. Those of the end effector are
 #: part of the geometry: four parameters are too few for it.
 _ALIGNMENTS = (ErrorKind.ALIGNMENT_OF_BASE, ErrorKind.LINK_ALIGNMENT)
+#: Orders of each joint's Fourier series, in bands whose sizes are found each for itself. A
+#: harmonic drive or a row of gears has errors of tens of periods a turn.
+BANDS = ((1,), (2,), (3, 4), (5, 6, 7, 8), tuple(range(9, 17)), tuple(range(17, 33)))
+ORDERS = BANDS[-1][-1]
 #: Hidden units of each joint's network: enough for one period of a gear error in a joint box.
 JOINT_UNITS = 4
 #: Hidden units of the network of the end effector's motion.
@@ -50,6 +64,10 @@ _ANGLES = {ErrorKind.JOINT_ZERO: 0.5 * _DEGREE}
 _ANGLE, _LENGTH = 0.3 * _DEGREE, 1e-3
 #: Of a joint network's output, revolute [rad] and prismatic [m].
 _JOINT_ANGLE, _JOINT_LENGTH = 0.3 * _DEGREE, 0.3e-3
+#: Of the first order of a joint's series, revolute [rad] and prismatic [m]; of order k a k-th.
+_SERIES_ANGLE, _SERIES_LENGTH = 0.1 * _DEGREE, 1e-4
+#: Of a joint's compliance, per moment arm [rad/m].
+_COMPLIANCE = 1e-3
 #: Of a hidden unit's input weight, per half width of the joint box.
 _INPUT_WEIGHT = 1.5
 #: Of the pose network's outputs: linear [m], angular [rad].
@@ -80,6 +98,8 @@ class ParametricModel:
 
     robot: Robot  #: the nominal arm
     parts: frozenset[Part]  #: parts of the model that have parameters
+    #: ``(3,)`` direction of the gravity in the base frame, a unit vector.
+    gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
     def __post_init__(self) -> None:
         check_nominal_arm(self.robot)
@@ -97,6 +117,13 @@ class ParametricModel:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         names = [error.name for error in self.errors]
+        joints = self.robot.joint_names
+        names += [
+            f"{joints[joint]}: compliance to the weight after joint {place + 1}"
+            for joint, place in self._pairs
+        ]
+        if Part.JOINT_SERIES in self.parts:
+            names += [correction_name(joint) for joint in joints for _ in range(2 * ORDERS)]
         if Part.JOINT_NETWORKS in self.parts:
             names += [
                 correction_name(joint)
@@ -112,6 +139,25 @@ class ParametricModel:
         """Number of parameters."""
         return len(self.names)
 
+    @cached_property
+    def groups(self) -> tuple[NDArray[np.int64], ...]:
+        """Indices of the parameters whose common size in natural units the examples tell.
+
+        Those of the geometry have the size that the description's errors are known to have.
+        """
+        start, pairs = len(self.errors), len(self._pairs)
+        groups = [start + np.arange(pairs)] if pairs else []
+        if Part.JOINT_SERIES in self.parts:
+            indices = start + pairs + np.arange(self.robot.dof * 2 * ORDERS)
+            series = indices.reshape(self.robot.dof, 2, ORDERS)
+            groups += [series[..., np.array(band) - 1].ravel() for band in BANDS]
+        return tuple(groups)
+
+    @property
+    def has_networks(self) -> bool:
+        """Whether parameters are weights of networks, far from linear."""
+        return bool({Part.JOINT_NETWORKS, Part.POSE_NETWORK} & self.parts)
+
     def amount(self, error: GeometricError, parameter: float) -> float:
         """A geometric error [rad or m] by its parameter."""
         return parameter * _unit(error)
@@ -119,8 +165,8 @@ class ParametricModel:
     def start(self, rng: np.random.Generator) -> FloatArray:
         """Initial parameters ``(p,)``: the nominal robot with random networks."""
         start = np.zeros(self.size)
-        networks = slice(len(self.errors), None)
-        start[networks] = rng.normal(size=self.size - len(self.errors))
+        weights = self._networks(start)
+        weights[:] = rng.normal(size=len(weights))
         joints, pose = self._split(start)
         # Small outputs, from hidden units that differ.
         if joints is not None:
@@ -143,9 +189,20 @@ class ParametricModel:
             columns[:, :, index] = _column(screw, positions) * _unit(error)
         joints, pose = self._split(parameters)
         place = len(self.errors)
+        motions = [_column(screw, positions) for screw in joint_screws]
+        if self._pairs:
+            moments = self._moments(joint_positions)
+            for joint, later in self._pairs:
+                moment = _COMPLIANCE * moments[:, joint, later]
+                columns[:, :, place] = motions[joint] * moment[:, None]
+                place += 1
+        if Part.JOINT_SERIES in self.parts:
+            functions = self._series_functions(joint_positions)
+            for motion, own in zip(motions, np.swapaxes(functions, 0, 1), strict=True):
+                columns[:, :, place : place + 2 * ORDERS] = motion[:, :, None] * own[:, None, :]
+                place += 2 * ORDERS
         if joints is not None:
-            for index, screw in enumerate(joint_screws):
-                motion = _column(screw, positions)
+            for index, motion in enumerate(motions):
                 by_parameter = self._joint_derivatives(
                     joints[index], joint_positions[:, index], index
                 )
@@ -174,7 +231,66 @@ class ParametricModel:
             placements_of(self.errors, amounts, self.robot.dof),
             None if joints is None else self._joint_networks(joints),
             None if pose is None else self._pose_network(pose),
+            joint_harmonics=self._joint_series(parameters),
+            deflection=self._deflection(parameters),
         )
+
+    @cached_property
+    def _pairs(self) -> tuple[tuple[int, int], ...]:
+        """Joints that turn, each with the places after it whose weight may turn it."""
+        if Part.DEFLECTION not in self.parts:
+            return ()
+        dof, kinds = self.robot.dof, self.robot.joint_types
+        return tuple(
+            (joint, place)
+            for joint in range(dof)
+            if kinds[joint] != "prismatic"
+            for place in range(joint, dof)
+        )
+
+    def _moments(self, joint_positions: FloatArray) -> FloatArray:
+        return gravity_moments(self._chain, joint_positions, np.array(self.gravity))
+
+    def _deflection(self, parameters: FloatArray) -> Deflection | None:
+        if not self._pairs:
+            return None
+        compliances = np.zeros((self.robot.dof, self.robot.dof))
+        own = parameters[len(self.errors) : len(self.errors) + len(self._pairs)]
+        compliances[tuple(np.transpose(self._pairs))] = _COMPLIANCE * own
+        return Deflection(compliances, np.array(self.gravity))
+
+    @cached_property
+    def _series_units(self) -> FloatArray:
+        """``(dof, orders)`` [rad or m]."""
+        first = np.where(self._prismatic, _SERIES_LENGTH, _SERIES_ANGLE)
+        return np.outer(first, 1.0 / np.arange(1.0, ORDERS + 1.0))
+
+    @cached_property
+    def _frequencies(self) -> FloatArray:
+        """``(dof,)``: one period a turn; of a prismatic joint half a period in its interval."""
+        half = self.scale[1]
+        return np.where(self._prismatic, 0.5 * np.pi / half, 1.0)
+
+    @cached_property
+    def _prismatic(self) -> NDArray[np.bool_]:
+        return np.array([kind == "prismatic" for kind in self.robot.joint_types])
+
+    def _joint_series(self, parameters: FloatArray) -> JointHarmonics | None:
+        if Part.JOINT_SERIES not in self.parts:
+            return None
+        start = len(self.errors) + len(self._pairs)
+        size = self.robot.dof * 2 * ORDERS
+        own = parameters[start : start + size].reshape(self.robot.dof, 2, ORDERS)
+        own = own * self._series_units[:, None, :]
+        return JointHarmonics(self._frequencies, own[:, 0].copy(), own[:, 1].copy())
+
+    def _series_functions(self, joint_positions: FloatArray) -> FloatArray:
+        """Derivatives ``(n, dof, 2 orders)`` of the joints' corrections by their parameters."""
+        orders = np.arange(1.0, ORDERS + 1.0)
+        angles = (joint_positions * self._frequencies)[..., None] * orders
+        functions = np.stack([np.sin(angles), np.cos(angles)], axis=2)
+        functions *= self._series_units[:, None, :]
+        return functions.reshape(*joint_positions.shape, 2 * ORDERS)
 
     def _forward(
         self, parameters: FloatArray, joint_positions: FloatArray
@@ -183,6 +299,11 @@ class ParametricModel:
         actual = joint_positions
         if joints is not None:
             actual = self._joint_networks(joints).actual(joint_positions)
+        series, deflection = self._joint_series(parameters), self._deflection(parameters)
+        if series is not None:
+            actual = actual + (series.actual(joint_positions) - joint_positions)
+        if deflection is not None:
+            actual = actual + (self._moments(joint_positions) * deflection.compliances).sum(-1)
         count = len(joint_positions)
         rotation, position = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
         screws: list[_Screw] = []
@@ -223,9 +344,16 @@ class ParametricModel:
     def _pose_parameters(self) -> int:
         return POSE_UNITS * (self.robot.dof + 1 + 6)
 
+    def _networks(self, parameters: FloatArray) -> FloatArray:
+        """A view of the weights of networks."""
+        linear = len(self.errors) + len(self._pairs)
+        if Part.JOINT_SERIES in self.parts:
+            linear += self.robot.dof * 2 * ORDERS
+        return parameters[linear : self.size]
+
     def _split(self, parameters: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
         """Views of the parameters of joint networks ``(dof, units, 3)`` and pose network."""
-        rest = parameters[len(self.errors) :]
+        rest = self._networks(parameters)
         joints = pose = None
         if Part.JOINT_NETWORKS in self.parts:
             size = self.robot.dof * JOINT_UNITS * 3

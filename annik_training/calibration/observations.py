@@ -1,15 +1,21 @@
 """Measured poses, their noise, and the residuals of a model."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import Dataset
-from annik_core.errors import NonFiniteValue, RobotMismatch
+from annik_core.errors import RobotMismatch
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
+from annik_training.calibration.frames import Frames
+from annik_training.calibration.measurements import KnownDistance, Measurements
+from annik_training.calibration.model import Evaluated
+
+#: Standard deviation of a known distance between fixed points [m].
+DISTANCE_SIGMA = 5e-5
 
 
 def check_measured_alike(robot: Robot, measured: Robot) -> None:
@@ -43,29 +49,47 @@ class Observations:
     has_orientation: bool  #: whether the rotations were measured; if not, they are arbitrary
     weights: FloatArray  #: ``(n,)`` weight of each example, 0 to 1
 
+    frames: Frames = field(default_factory=Frames.known)
+    #: ``(n,)`` row of ``frames.points`` that is touched; None if positions were measured.
+    fixed_points: NDArray[np.int64] | None = None
+    #: Known distances between rows of ``frames.points``.
+    distances: tuple[KnownDistance, ...] = ()
+
     @classmethod
-    def of(cls, dataset: Dataset, *, position_only: bool = False) -> "Observations":
-        """All examples of a dataset, with full weight.
+    def of(
+        cls, measured: Dataset | Measurements, *, position_only: bool = False
+    ) -> "Observations":
+        """All examples, with full weight, and frames that are known.
 
         Raises:
             NonFiniteValue: naming the first row with a number that is not finite.
         """
-        measured = 3 if position_only else 7
-        for name, array in (
-            ("joint positions", dataset.joint_positions),
-            ("poses", dataset.poses[:, :measured]),
-        ):
-            for row, column in np.argwhere(~np.isfinite(array))[:1]:
-                raise NonFiniteValue(f"row {row} of the {name}", float(array[row, column]))
-        rotations = np.tile(np.eye(3), (len(dataset), 1, 1))
-        if not position_only:
-            rotations = Rotation.from_quat(dataset.poses[:, 3:]).as_matrix()
+        if isinstance(measured, Dataset):
+            measurements = Measurements.of(measured, position_only=position_only)
+            joint_positions = measured.robot.in_box(measured.joint_positions)
+            measurements = replace(measurements, joint_positions=joint_positions)
+        else:
+            measurements = measured
+            if position_only:
+                measurements = replace(measured, rotations=None)
+        count = len(measurements)
+        positions, rotations = measurements.positions, measurements.rotations
+        index, distances = None, []
+        if measurements.fixed_points is not None:
+            numbers, index = np.unique(measurements.fixed_points, return_inverse=True)
+            places = {int(number): place for place, number in enumerate(numbers)}
+            distances = [
+                KnownDistance(places[first], places[second], metres)
+                for first, second, metres in measurements.distances
+            ]
         return cls(
-            dataset.robot.in_box(dataset.joint_positions),
-            dataset.poses[:, :3],
-            rotations,
-            not position_only,
-            np.ones(len(dataset)),
+            measurements.joint_positions,
+            np.zeros((count, 3)) if positions is None else positions,
+            np.tile(np.eye(3), (count, 1, 1)) if rotations is None else rotations,
+            rotations is not None,
+            np.ones(count),
+            fixed_points=index,
+            distances=tuple(distances),
         )
 
     def __len__(self) -> int:
@@ -76,34 +100,104 @@ class Observations:
         """Measured numbers per example."""
         return 6 if self.has_orientation else 3
 
+    @property
+    def placements(self) -> NDArray[np.int64] | None:
+        """``(n,)`` number of each example's placement: points with known distances are one."""
+        if self.fixed_points is None:
+            return None
+        of_point = np.arange(len(self.frames.points))
+        for first, second, _ in self.distances:
+            of_point[of_point == of_point[second]] = of_point[first]
+        return np.unique(of_point[self.fixed_points], return_inverse=True)[1]
+
     def weighted(self, weights: FloatArray) -> "Observations":
         """The same examples with other weights ``(n,)``."""
         return replace(self, weights=weights)
 
     def where(self, keep: NDArray[np.bool_]) -> "Observations":
         """The examples where ``keep`` ``(n,)`` is true."""
-        return Observations(
-            self.joint_positions[keep],
-            self.positions[keep],
-            self.rotations[keep],
-            self.has_orientation,
-            self.weights[keep],
+        return replace(
+            self,
+            joint_positions=self.joint_positions[keep],
+            positions=self.positions[keep],
+            rotations=self.rotations[keep],
+            weights=self.weights[keep],
+            fixed_points=None if self.fixed_points is None else self.fixed_points[keep],
         )
 
-    def residuals(self, positions: FloatArray, rotations: FloatArray, noise: Noise) -> FloatArray:
-        """Model minus measurement ``(n, rows)``, in standard deviations; base frame."""
-        linear = (positions - self.positions) / noise.position
+    def residuals(
+        self,
+        positions: FloatArray,
+        rotations: FloatArray,
+        noise: Noise,
+        unknowns: FloatArray | None = None,
+    ) -> FloatArray:
+        """Model minus measurement ``(n, rows)``, in standard deviations; instrument's frame."""
+        frames = self.frames if unknowns is None else self.frames.moved(unknowns)
+        turn, tool = frames.base[:3, :3], frames.tool
+        points = positions + rotations @ tool[:3, 3]
+        if self.fixed_points is not None:
+            return np.asarray((points - frames.points[self.fixed_points]) / noise.position)
+        linear = (points @ turn.T + frames.base[:3, 3] - self.positions) / noise.position
         if not self.has_orientation:
-            return linear
-        turns = Rotation.from_matrix(rotations @ np.swapaxes(self.rotations, 1, 2))
+            return np.asarray(linear)
+        reached = turn @ rotations @ tool[:3, :3]
+        turns = Rotation.from_matrix(reached @ np.swapaxes(self.rotations, 1, 2))
         return np.concatenate([linear, turns.as_rotvec() / noise.orientation], axis=1)
 
-    def derivatives(self, columns: FloatArray, noise: Noise) -> FloatArray:
-        """Derivatives ``(n, rows, p)`` of the residuals, from those of the pose ``(n, 6, p)``.
+    def derivatives(
+        self, evaluated: Evaluated, noise: Noise, unknowns: FloatArray | None = None
+    ) -> FloatArray:
+        """Derivatives ``(n, rows, p + unknowns)`` of the residuals, of a model and of the frames.
 
         To first order in the angles of the residuals.
         """
-        linear = columns[:, :3] / noise.position
+        frames = self.frames if unknowns is None else self.frames.moved(unknowns)
+        turn, tool = frames.base[:3, :3], frames.tool
+        positions, rotations, columns = evaluated
+        levers = rotations @ tool[:3, 3]
+        linear = columns[:, :3] + np.cross(columns[:, 3:], levers[..., None], axis=1)
+        blocks = [np.concatenate([turn @ linear, turn @ columns[:, 3:]], axis=1)]
+        count, axes = len(positions), turn @ rotations @ tool[:3, :3]
+        if frames.base_unknown:
+            arms = (positions + levers) @ turn.T + frames.base[:3, 3] - frames.centre
+            block = np.zeros((count, 6, 6))
+            block[:, range(6), range(6)] = 1.0
+            block[:, :3, 3:] = -np.cross(arms[:, None, :], np.eye(3)).swapaxes(1, 2)
+            blocks.append(block)
+        if frames.tool_unknowns:
+            block = np.zeros((count, 6, frames.tool_unknowns))
+            block[:, :3, :3] = axes
+            block[:, 3:, 3:] = axes[:, :, : frames.tool_unknowns - 3]
+            blocks.append(block)
+        if self.fixed_points is not None:
+            block = np.zeros((count, 6, len(frames.points), 3))
+            block[np.arange(count), :3, self.fixed_points] = -np.eye(3)
+            blocks.append(block.reshape(count, 6, -1))
+        whole = np.concatenate(blocks, axis=2)
+        linear = whole[:, :3] / noise.position
         if not self.has_orientation:
-            return linear
-        return np.concatenate([linear, columns[:, 3:] / noise.orientation], axis=1)
+            return np.asarray(linear)
+        return np.concatenate([linear, whole[:, 3:] / noise.orientation], axis=1)
+
+    def distance_residuals(self, unknowns: FloatArray) -> FloatArray:
+        """Known distances between fixed points: model minus known, in their tolerance."""
+        points = self.frames.moved(unknowns).points
+        return np.array(
+            [
+                (float(np.linalg.norm(points[first] - points[second])) - metres) / DISTANCE_SIGMA
+                for first, second, metres in self.distances
+            ]
+        )
+
+    def distance_derivatives(self, unknowns: FloatArray) -> FloatArray:
+        """Their derivatives ``(distances, unknowns)``."""
+        frames = self.frames.moved(unknowns)
+        derivatives = np.zeros((len(self.distances), frames.size))
+        begin = frames.size - frames.points.size
+        for row, (first, second, _) in enumerate(self.distances):
+            away = frames.points[first] - frames.points[second]
+            away = away / max(float(np.linalg.norm(away)), 1e-9) / DISTANCE_SIGMA
+            derivatives[row, begin + 3 * first : begin + 3 * first + 3] = away
+            derivatives[row, begin + 3 * second : begin + 3 * second + 3] = -away
+        return derivatives

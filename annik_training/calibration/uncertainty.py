@@ -4,32 +4,36 @@ import math
 
 import numpy as np
 
-from annik_core.pose import FloatArray
 from annik_core.robots.corrections import ErrorBound, quadratic_features
+from annik_core.robots.robot import Robot
 from annik_training.calibration.errors import (
     DegenerateExamples,
     ImplausibleErrors,
     UnexplainedMeasurements,
 )
 from annik_training.calibration.estimation import Estimate
-from annik_training.calibration.model import ParametricModel, Part, correction_name
-from annik_training.calibration.observations import Noise
+from annik_training.calibration.model import ParametricModel, Part
+from annik_training.calibration.observations import Noise, Observations
 
 #: Posterior standard deviation from which a parameter counts as unidentified; the prior's is 1.
 _UNIDENTIFIED = 0.5
-#: Largest remaining error, as a fraction of that of a robot that was not measured at all.
-_MOST_ERROR = 0.1
-#: Remaining fraction of the variance of a joint's correction from which the joint is named.
-_NAMED = 0.2
+#: Least motion of a joint, as a fraction of its interval.
+_MOVED = 0.02
 #: A geometric error of more natural units means another robot.
 _IMPLAUSIBLE = 30.0
-#: Number of random networks and poses that the examples are checked with.
-_NETWORKS, _CHECKED_POSES = 4, 500
+#: Number of random poses that the examples are checked with.
+_CHECKED_POSES = 300
 #: Standard errors by which the residuals must exceed the measurements' noise to be the robot's.
 _SIGNIFICANT = 2.0
 _POSES = 2000
 _DRAWS = 400
 CONFIDENCE = 0.95
+#: More than the confidence, since sizes and noise of the fit know the example that is left out.
+_MARGIN = 0.015
+#: A bound shrinks at most by this factor.
+_LEAST_FACTOR = 0.3
+#: 95th percentile of the length of three independent standard normal coordinates.
+_NOISE_BOUND = 2.795
 
 
 def unidentified_parameters(fitted: Estimate) -> tuple[str, ...]:
@@ -46,64 +50,57 @@ def unidentified_parameters(fitted: Estimate) -> tuple[str, ...]:
     )
 
 
-def check_examples(fitted: Estimate, rng: np.random.Generator) -> None:
-    """Refuse examples that don't determine the robot in the joint box, or are not this robot's.
-
-    The check uses all geometric errors and joint networks drawn at random, whichever parts the
-    model has. Fitted networks would hide what is unknown: their derivatives vanish where nothing
-    was learned.
+def check_moved(
+    robot: Robot, observations: Observations, noise: Noise, rng: np.random.Generator
+) -> None:
+    """Refuse examples in which a joint hardly moves: they can't tell its errors.
 
     Raises:
-        UnexplainedMeasurements: if they are far from the estimate.
-        ImplausibleErrors: if the estimate is another robot.
-        DegenerateExamples: naming the joints to move.
+        DegenerateExamples: naming the joints.
     """
-    model = ParametricModel(fitted.model.robot, frozenset(Part) - {Part.POSE_NETWORK})
-    joint_positions = model.robot.joint_box.sample(_CHECKED_POSES, rng)
-    joints = model.robot.joint_names
-    left, unknown = np.zeros((2, _CHECKED_POSES)), np.zeros((2, _CHECKED_POSES))
-    remaining = dict.fromkeys(joints, 0.0)
-    for _ in range(_NETWORKS):
-        parameters = model.start(rng)
-        parameters[len(model.errors) :] = rng.normal(size=model.size - len(model.errors))
-        informed = Estimate(model, parameters, fitted.observations, fitted.noise)
-        columns = model.evaluate(parameters, joint_positions).columns
-        for index, rows in enumerate((slice(0, 3), slice(3, 6))):
-            of_pose = columns[:, rows]
-            left[index] += ((of_pose @ informed.root) ** 2).sum(axis=(1, 2)) / _NETWORKS
-            unknown[index] += (of_pose**2).sum(axis=(1, 2)) / _NETWORKS
-        for index, joint in enumerate(joints):
-            remaining[joint] += _unlearned_part(informed, joint_positions, index) / _NETWORKS
-    # The worst tenth of the box; no design reaches the very worst pose.
-    expected, unlearned = (np.sqrt(np.quantile(part, 0.9, axis=1)) for part in (left, unknown))
-    _check_explained(fitted, unlearned)
-    ratios = (expected / unlearned)[: fitted.observations.rows // 3]
-    if (ratios <= _MOST_ERROR).all():
+    box, positions = robot.joint_box, observations.joint_positions
+    widths = box.upper - box.lower
+    moved = np.ptp(positions, axis=0)
+    still = [index for index in box.free.tolist() if moved[index] < _MOVED * widths[index]]
+    if not still:
         return
-    least = min(_NAMED, max(remaining.values()))
-    named = tuple(joint for joint in joints if remaining[joint] >= least)
-    raise DegenerateExamples((float(expected[0]), float(expected[1])), float(ratios.max()), named)
+    model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_SERIES}))
+    joint_positions = box.sample(_CHECKED_POSES, rng)
+    start = np.zeros(model.size + observations.frames.size)
+    informed = Estimate(model, start, observations, noise)
+    columns = model.evaluate(start[: model.size], joint_positions).columns
+    left, unknown = (
+        np.array(
+            [
+                np.sqrt(np.quantile((part[:, rows] ** 2).sum(axis=(1, 2)), 0.9))
+                for rows in (slice(0, 3), slice(3, 6))
+            ]
+        )
+        for part in (columns @ informed.root[: model.size], columns)
+    )
+    fraction = float((left / unknown)[: observations.rows // 3].max())
+    names = tuple(robot.joint_names[index] for index in still)
+    raise DegenerateExamples((float(left[0]), float(left[1])), min(fraction, 1.0), names)
 
 
-def _unlearned_part(fitted: Estimate, joint_positions: FloatArray, index: int) -> float:
-    """Remaining fraction, 0 to 1, of the variance of a joint's correction.
-
-    Without the mean over the box, which the joint's zero contains as well.
-    """
-    model = fitted.model
-    own = [name == correction_name(model.robot.joint_names[index]) for name in model.names]
-    derivatives = model.correction_derivatives(fitted.parameters, joint_positions, index)
-    derivatives -= derivatives.mean(axis=0)
-    prior = float((derivatives**2).sum())
-    # A locked joint has no correction.
-    return float(((derivatives @ fitted.root[own]) ** 2).sum()) / prior if prior > 0.0 else 0.0
-
-
-def _check_explained(fitted: Estimate, unlearned: FloatArray) -> None:
+def check_explained(fitted: Estimate, rng: np.random.Generator) -> None:
     """Refuse an estimate that is too far from the measurements or from the nominal robot.
 
-    ``unlearned`` is the error of a robot that was not measured, distance [m] and angle [rad].
+    Raises:
+        UnexplainedMeasurements: if it is far from the measurements.
+        ImplausibleErrors: if it is another robot.
     """
+    robot = fitted.model.robot
+    model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_SERIES}))
+    joint_positions = robot.joint_box.sample(_CHECKED_POSES, rng)
+    columns = model.evaluate(np.zeros(model.size), joint_positions).columns
+    # Errors of a robot that was not measured, distance [m] and angle [rad].
+    unlearned = np.array(
+        [
+            np.sqrt(np.quantile((columns[:, rows] ** 2).sum(axis=(1, 2)), 0.9))
+            for rows in (slice(0, 3), slice(3, 6))
+        ]
+    )
     noise, measured = fitted.noise, fitted.observations.rows // 3
     unexplained = math.sqrt(3.0) * np.array([noise.position, noise.orientation])
     unexplained[measured:] = 0.0
@@ -114,7 +111,9 @@ def _check_explained(fitted: Estimate, unlearned: FloatArray) -> None:
         )
     errors = [
         (abs(parameter), error, fitted.model.amount(error, parameter))
-        for error, parameter in zip(fitted.model.errors, fitted.parameters.tolist(), strict=False)
+        for error, parameter in zip(
+            fitted.model.errors, fitted.model_parameters.tolist(), strict=False
+        )
         # The measured end effector may be another than the nominal one: a probe, a marker.
         if error.place < fitted.model.robot.dof
     ]
@@ -141,8 +140,10 @@ def error_bound_of(
     """
     model = fitted.model
     joint_positions = model.robot.joint_box.sample(_POSES, rng)
-    columns = model.evaluate(fitted.parameters, joint_positions).columns
-    draws = (columns @ fitted.root) @ rng.normal(size=(model.size, _DRAWS))
+    columns = model.evaluate(fitted.model_parameters, joint_positions).columns
+    draws = (columns @ fitted.root[: model.size]) @ rng.normal(
+        size=(len(fitted.parameters), _DRAWS)
+    )
     draws *= max(1.0, _calibration(fitted))
     centre, half = fitted.model.scale
     features = quadratic_features((joint_positions - centre) / half)
@@ -161,10 +162,42 @@ def error_bound_of(
         ratios = errors / np.exp(features @ fit)[:, None]
         fit[0] += math.log(float(np.quantile(ratios, CONFIDENCE)))
         coefficients.append(fit)
-    return ErrorBound(*model.scale, np.array(coefficients))
+    bound = ErrorBound(*model.scale, np.array(coefficients))
+    for index, factor in enumerate(_held_out_factors(fitted, bound, measured_noise)):
+        bound.coefficients[index, 0] += math.log(factor)
+    return bound
+
+
+def _held_out_factors(
+    fitted: Estimate, bound: ErrorBound, measured_noise: Noise
+) -> tuple[float, float]:
+    """Factors with which the bounds hold for held-out examples: conformal prediction.
+
+    The error of an example by the fit without it, less the noise of its measurement, over its
+    bound; of these ratios the quantile. References: [Vovk2005]_ V. Vovk, A. Gammerman, G. Shafer:
+    Algorithmic learning in a random world. Springer, 2005.
+    """
+    bounds = bound.of_rows(fitted.observations.joint_positions)
+    factors = [1.0, 1.0]
+    counted = fitted.observations.weights > 0.0
+    for index, (rows, scale, known) in enumerate(
+        (
+            (slice(0, 3), fitted.noise.position, measured_noise.position),
+            (slice(3, 6), fitted.noise.orientation, measured_noise.orientation),
+        )
+    ):
+        residuals = scale * fitted.held_out_residuals[counted][:, rows]
+        if not residuals.size:
+            continue
+        squares = (residuals**2).sum(axis=1) - (_NOISE_BOUND * known) ** 2
+        ratios = np.sqrt(np.maximum(squares, 0.0)) / bounds[counted, index]
+        level = min(1.0, (CONFIDENCE + _MARGIN) * (1.0 + 1.0 / len(ratios)))
+        factors[index] = max(_LEAST_FACTOR, float(np.quantile(ratios, level)))
+    return factors[0], factors[1]
 
 
 def _calibration(fitted: Estimate) -> float:
     """Ratio of the leave-one-out residuals to those that the estimate expects."""
-    squares = np.einsum("nr,nr->n", fitted.residuals, fitted.left_out_residuals)
+    weights = fitted.observations.weights
+    squares = weights * np.einsum("nr,nr->n", fitted.residuals, fitted.left_out_residuals)
     return math.sqrt(float(squares.mean()) / fitted.observations.rows)

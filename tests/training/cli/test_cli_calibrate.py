@@ -115,8 +115,8 @@ class TestCalibrate:
     def test_prints_what_was_calibrated(self, made: Made) -> None:
         assert "40 measured poses of ur5e, 1 outliers left out" in made.printed
         assert "outliers, by their row in the dataset: 11" in made.printed
-        assert "geometry, joint networks" in made.printed
-        assert made.summary["parts"] == ["geometry", "joint networks"]
+        assert "geometry, joint series" in made.printed
+        assert made.summary["parts"] == ["geometry", "joint series"]
         assert made.summary["outliers"] == [11]
         assert made.summary["seed"] == 2
         assert made.summary["position_only"] is False
