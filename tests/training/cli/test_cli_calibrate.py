@@ -120,7 +120,7 @@ class TestCalibrate:
         assert made.summary["outliers"] == [11]
         assert made.summary["seed"] == 2
         assert made.summary["position_only"] is False
-        assert len(made.summary["candidates"]) == 5
+        assert len(made.summary["candidates"]) == 6
         assert "elbow_joint: offset along the axis" in made.summary["unidentified"]
 
     def test_its_urdf_is_calibrated_or_as_described(self, made: Made, tmp_path: Path) -> None:
@@ -174,8 +174,8 @@ class TestTampering:
             ("placements", [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 7, "robot_hash"),
             ("placements", [[0.0] * 7] * 7, "robot"),
             ("placements", None, "robot"),
-            ("joint_networks", None, "robot_hash"),
-            ("joint_networks", {}, "robot"),
+            ("joint_harmonics", None, "robot_hash"),
+            ("joint_harmonics", {}, "robot"),
             ("error_bound", None, "robot_hash"),
             ("provenance", {"examples": 1000}, "robot_hash"),
             ("more", 1, "robot"),
