@@ -31,6 +31,7 @@ from annik_ros.diagnostics import (
     OtherCommanders,
     outcome_report,
 )
+from annik_ros.example_collector.by_hand import HandGuidedRecording
 from annik_ros.example_collector.parameters import ExampleCollectorParameters
 from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
@@ -69,13 +70,17 @@ def _refusal_reason(error: AnnikError) -> str:
 
 
 class ExampleCollector(Node):
-    """Waits for robot and tracker, then moves and measures until the plan is done."""
+    """Moves a robot through a plan and measures it; or records one that is guided by hand."""
 
     def __init__(self) -> None:
         super().__init__(NODE_NAME)
         self.finished = Future()
         self._started = time.monotonic()
         self._options = declare_parameters(self, ExampleCollectorParameters)
+        self._by_hand: HandGuidedRecording | None = None
+        if self._options.by_hand:
+            self._by_hand = HandGuidedRecording(self, self._options)
+            return
         plan_path, self._dataset_path = self._options.paths
         plan = load_dataset(plan_path)
         self._settings = self._options.settings
@@ -113,9 +118,13 @@ class ExampleCollector(Node):
     def write_dataset(self) -> str:
         """Write the measured examples and close the journal; returns one line on what was written.
 
+        What was recorded by hand is in its file already.
+
         Raises:
             AnnikError: if the dataset can't be written. The journal has all measurements.
         """
+        if self._by_hand is not None:
+            return self._by_hand.progress()
         try:
             # A signal may have interrupted the record of an example.
             self._journal.reload()
