@@ -159,7 +159,7 @@ class Page:
             target = self.state.next_target()
             if target is not None:
                 self._move_target(target)
-                self._place_gizmo()
+                self.place_gizmo()
             rested = time.monotonic() - self._moved_at >= _REST
             if self._all.value and rested and not self.state.solutions and self.state.answer:
                 self.state.find_solutions()
@@ -210,7 +210,7 @@ class Page:
             )
             for name, colour, width in (("target", _ORANGE, 5.0), ("achieved", _GREEN, 2.5))
         ]
-        self._place_gizmo()
+        self.place_gizmo()
         self._gizmo.on_update(lambda event: self._dragged(event.target))
 
     def _build_panel(self) -> None:
@@ -270,7 +270,7 @@ class Page:
     def _take_sliders(self) -> None:
         self._moved_at = time.monotonic()
         self.state.show_joints([slider.value for slider in self._sliders])
-        self._place_gizmo()
+        self.place_gizmo()
 
     def _dragged(self, gizmo: Any) -> None:
         # viser: w first; annik: w last.
@@ -293,7 +293,8 @@ class Page:
             if known is solution:
                 self.state.choose(index)
 
-    def _place_gizmo(self) -> None:
+    def place_gizmo(self) -> None:
+        """Put the gizmo at the target, which something else than the gizmo has moved."""
         x, y, z, w = self.state.target[3:].tolist()
         self._gizmo.position, self._gizmo.wxyz = self.state.target[:3], (w, x, y, z)
 
