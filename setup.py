@@ -101,6 +101,7 @@ setup(
     ),
     package_data={
         "": ["py.typed"],
+        "annik_training.cli": ["*.jinja"],
         "msg_tools.report": ["*.jinja"],
     },
     ext_modules=[kernel()],

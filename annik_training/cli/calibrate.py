@@ -1,6 +1,7 @@
 """``annik calibrate``: from measured poses to the model file of a calibrated arm."""
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,11 +11,36 @@ import click
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.spatial.transform import Rotation
 
 import annik_training
-from annik_core.files import ensure_writable_folder, write_file
-from annik_core.robots.library import load_robot
-from annik_training.cli.options import EVALUATION_POSES, FILE, SEED, SUMMARY, measured_dataset
+from annik_core.dataset import Dataset
+from annik_core.files import ensure_writable_folder, expanded, read_regular_file, write_file
+from annik_core.pose import FloatArray, roll_pitch_yaw
+from annik_core.robots.calibrated_urdf import calibrated_urdf
+from annik_core.robots.definition import LENGTH_UNITS
+from annik_core.robots.robot import Robot
+from annik_core.robots.urdf_text import MAX_LENGTH, decoded
+from annik_training.calibration.measurement_files import (
+    Units,
+    read_measurements,
+    read_sockets,
+)
+from annik_training.calibration.measurements import Measurements
+from annik_training.cli.calibration_report import (
+    calibration_report,
+    errors_by_row,
+    write_calibration_report,
+)
+from annik_training.cli.options import (
+    EVALUATION_POSES,
+    FILE,
+    SEED,
+    SUMMARY,
+    chosen_robot,
+    measured_dataset,
+    nominal_options,
+)
 from annik_training.cli.output import print_training
 from annik_training.defaults import defaults_of
 
@@ -24,14 +50,56 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option(
-    "--measured",
-    type=FILE,
-    required=True,
-    help="Poses measured on the robot (.npz), as example_collector writes them.",
+    "--measured", type=FILE, help="Poses measured by example_collector, a dataset (.npz)."
 )
 @click.option(
-    "--nominal",
-    help="The arm as described: packaged, a definition or URDF; default: the dataset's.",
+    "--measurements",
+    type=FILE,
+    multiple=True,
+    help="A table (.csv) with a column for every joint, and x, y, z with or without an "
+    "orientation, or socket; once for each file.",
+)
+@click.option(
+    "--sockets",
+    type=click.Path(file_okay=False, path_type=Path),
+    multiple=True,
+    help="Folder of placements, each with joint positions in hole_0.csv and hole_1.csv, recorded "
+    "with a ball in the one and the other of two sockets; once for each folder.",
+)
+@click.option(
+    "--socket-distance",
+    type=click.FloatRange(0.0, min_open=True),
+    help="Known distance between the two sockets of a placement [m].",
+)
+@click.option(
+    "--length-unit",
+    type=click.Choice([unit for unit in LENGTH_UNITS if unit]),
+    default="m",
+    show_default=True,
+    help="Of the columns whose names have none.",
+)
+@click.option(
+    "--angle-unit",
+    type=click.Choice(["rad", "deg"]),
+    default="rad",
+    show_default=True,
+    help="Of the columns whose names have none.",
+)
+@click.option(
+    "--frame-known", is_flag=True, help="The measurements are in the robot's base frame."
+)
+@click.option(
+    "--tool-known", is_flag=True, help="What was measured is the robot's end effector frame."
+)
+@nominal_options
+@click.option(
+    "--gravity",
+    type=float,
+    nargs=3,
+    default=(0.0, 0.0, -1.0),
+    show_default=True,
+    help="Its direction in the base frame, for a robot on a wall (such as 1 0 0) or a ceiling "
+    "(0 0 1).",
 )
 @click.option(
     "--position-only",
@@ -47,48 +115,115 @@ if TYPE_CHECKING:
     help="Number of computed examples for the network, at whose output the refinement starts.",
 )
 @EVALUATION_POSES
-@click.option("--out", type=FILE, required=True, help="The model file to write (.onnx).")
+@click.option("--out", type=FILE, help="The model file to write (.onnx).")
+@click.option(
+    "--urdf-out",
+    type=FILE,
+    help="The URDF to write, with the geometric part of the calibration.",
+)
+@click.option(
+    "--report",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for a page about the calibration, the error of every row, and the joint "
+    "positions whose measurement would help most.",
+)
 @SUMMARY
 def calibrate(
-    measured: Path,
-    nominal: str | None,
+    measured: Path | None,
     position_only: bool,
     seed: int,
     examples: int,
     evaluation_poses: int,
-    out: Path,
+    out: Path | None,
+    urdf_out: Path | None,
     summary: Path | None,
+    report: Path | None,
+    gravity: tuple[float, float, float],
+    **choices: Any,
 ) -> None:
-    """Calibrate an arm from measured poses and write its model file.
+    """Calibrate an arm from measurements, and write its model file, its URDF, or both.
 
     Corrects the geometry of the links, the joint zeros and the joints' transmissions, as far as
-    the measured poses identify them. A node with this model commands the corrected robot, and the
+    the measurements identify them. A node with this model commands the corrected robot, and the
     residuals that it reports are those of the corrected robot.
     """
-    dataset = measured_dataset(measured)
-    robot = dataset.robot if nominal is None else load_robot(nominal)
-    for path in (out, *([] if summary is None else [summary])):
+    if out is None and urdf_out is None:
+        raise click.UsageError("give --out, --urdf-out, or both")
+    description = _description(choices["robot"])
+    length = float(np.linalg.norm(gravity))
+    if not 0.0 < length < math.inf:
+        raise click.UsageError(f"--gravity {gravity} is no direction")
+    options = annik_training.CalibrationOptions(
+        position_only=position_only,
+        seed=seed,
+        gravity=(gravity[0] / length, gravity[1] / length, gravity[2] / length),
+    )
+    robot, measurements, places = _measured(measured, choices)
+    if report is not None:
+        ensure_writable_folder(report)
+    for path in filter(None, (out, urdf_out, summary)):
         ensure_writable_folder(path.parent)
-    calibrated = annik_training.calibrate(
-        robot, dataset, annik_training.CalibrationOptions(position_only=position_only, seed=seed)
-    )
+    calibrated = annik_training.calibrate(robot, measurements, options)
     _print_calibration(calibrated)
-    usual = defaults_of(calibrated.robot)
-    trained = annik_training.train(
-        annik_training.generate_dataset(calibrated.robot, usual.design, examples, seed),
-        out,
-        replace(usual.fit, seed=seed),
-        evaluation_poses=evaluation_poses,
-    )
-    print_training(trained)
+    if report is not None:
+        write_calibration_report(calibration_report(calibrated, places), report)
+        click.echo(f"wrote {report / 'report.html'}")
+    if urdf_out is not None:
+        write_file(urdf_out, calibrated_urdf(calibrated.robot, description))
+        click.echo(f"wrote {urdf_out}")
+    if out is not None:
+        usual = defaults_of(calibrated.robot)
+        trained = annik_training.train(
+            annik_training.generate_dataset(calibrated.robot, usual.design, examples, seed),
+            out,
+            replace(usual.fit, seed=seed),
+            evaluation_poses=evaluation_poses,
+        )
+        print_training(trained)
     if summary is not None:
         write_file(summary, json.dumps(calibration_summary(calibrated), indent=2) + "\n")
+
+
+def _description(source: str | None) -> str | None:
+    """The text of the URDF that was given, with what is off the chain; None if none was."""
+    path = None if source is None else expanded(source)
+    if path is None or path.suffix.lower() != ".urdf" or not path.is_file():
+        return None
+    return decoded(read_regular_file(path, MAX_LENGTH))
+
+
+def _measured(
+    measured: Path | None, choices: dict[str, Any]
+) -> tuple[Robot, Dataset | Measurements, list[str]]:
+    """The nominal robot, what was measured on it, from one of the three sources, and its rows."""
+    tables, folders = choices["measurements"], choices["sockets"]
+    if sum(map(bool, (measured, tables, folders))) != 1:
+        raise click.UsageError("give --measured, --measurements or --sockets")
+    if measured is not None:
+        dataset = measured_dataset(measured)
+        robot = dataset.robot if choices["robot"] is None else chosen_robot(choices)
+        return robot, dataset, [f"row {row}" for row in range(len(dataset))]
+    if choices["robot"] is None:
+        raise click.UsageError("give --robot: these files don't say which robot was measured")
+    robot = chosen_robot(choices)
+    units = Units(choices["length_unit"], choices["angle_unit"])
+    rows = (
+        read_sockets(robot, folders, units) if folders else read_measurements(robot, tables, units)
+    )
+    for note in rows.notes:
+        click.echo(f"annik: {note}", err=True)
+    measurements = rows.measurements(
+        socket_distance=choices["socket_distance"],
+        frame_known=choices["frame_known"],
+        tool_known=choices["tool_known"],
+    )
+    return robot, measurements, [f"{path}, line {line}" for path, line in rows.places]
 
 
 def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
     """The results of a calibration as plain data."""
     return {
-        "robot": calibrated.dataset.robot.name,
+        "robot": calibrated.nominal.name,
         "seconds": calibrated.seconds,
         "candidates": [
             {**asdict(candidate), "parts": _names(candidate.parts)}
@@ -99,7 +234,7 @@ def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
 
 
 def _print_calibration(calibrated: "CalibratedRobot") -> None:
-    """Print the parts of the model, the outliers, and the errors that were not identified."""
+    """Print the parts of the model, errors, outliers, frames, and what was not identified."""
     table = Table("parts of the model", "parameters", "left-out error", "")
     for candidate in calibrated.candidates:
         table.add_row(
@@ -110,21 +245,44 @@ def _print_calibration(calibrated: "CalibratedRobot") -> None:
         )
     table.caption = "mean square, in squared standard deviations of the noise: 1 is noise alone"
     Console().print(table)
-    noise, outliers = calibrated.estimate.noise, calibrated.outliers
+    outliers = calibrated.outliers
+    rows = Table("position error [mm]".replace("[", "\\["), "mean", "median", "largest")
+    for name, errors in zip(
+        ("robot as described, frames fitted", "calibrated, each row left out"),
+        errors_by_row(calibrated),
+        strict=True,
+    ):
+        kept = 1e3 * errors[~outliers]
+        rows.add_row(name, *(f"{of(kept):.4g}" for of in (np.mean, np.median, np.max)))
+    Console().print(rows)
+    what = "measured poses" if calibrated.estimate.observations.fixed_points is None else "rows"
     click.echo(
-        f"{len(calibrated.dataset)} measured poses of {calibrated.dataset.robot.name}, "
+        f"{len(calibrated.measured)} {what} of {calibrated.nominal.name}, "
         f"{int(outliers.sum())} outliers left out, {calibrated.seconds:.1f} s"
     )
+    noise = calibrated.estimate.noise
     click.echo(
         f"unexplained: {1e3 * noise.position:.4f} mm and {np.degrees(noise.orientation):.5f} "
         "degrees in each coordinate"
     )
     if outliers.any():
-        rows = ", ".join(map(str, np.flatnonzero(outliers)))
-        click.echo(f"outliers, by their row in the dataset: {rows}")
+        numbers = ", ".join(map(str, np.flatnonzero(outliers)))
+        click.echo(f"outliers, by their row in the dataset: {numbers}")
+    frames = calibrated.frames
+    if frames.base_unknown:
+        click.echo(f"robot's base in the frame of the measurements: {_shown(frames.base)}")
+    if frames.tool_unknowns:
+        click.echo(f"what was measured, in the end effector frame: {_shown(frames.tool)}")
     if calibrated.unidentified:
         names = "; ".join(calibrated.unidentified)
         click.echo(f"not identified by these poses, left near nominal: {names}")
+
+
+def _shown(frame: FloatArray) -> str:
+    quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True)
+    position = ", ".join(f"{1e3 * part:.3f}" for part in frame[:3, 3])
+    angles = ", ".join(f"{np.degrees(part):.4f}" for part in roll_pitch_yaw(quaternion.tolist()))
+    return f"{position} mm; roll, pitch, yaw {angles} degrees"
 
 
 def _names(parts: Iterable[Any]) -> list[str]:

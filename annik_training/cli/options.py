@@ -67,6 +67,17 @@ def robot_argument(command: Any) -> Any:
     return _with_options(command, (click.argument("robot"), *_frame_options()))
 
 
+def nominal_options(command: Any) -> Any:
+    """Options of a command that works on measurements: the arm as described, or none."""
+    robot = click.option(
+        "--robot",
+        "--nominal",
+        "robot",
+        help="The arm as described: packaged, a definition or URDF; default: the dataset's.",
+    )
+    return _with_options(command, (robot, *_frame_options()))
+
+
 def chosen_robot(choices: dict[str, Any]) -> Robot:
     """Load the robot that the options name; they are taken out of the choices.
 

@@ -37,22 +37,29 @@ def identifiability_design(robot: Robot, examples: int, rng: np.random.Generator
     rows = np.concatenate(
         [columns[:, :3] / _NOISE.position, columns[:, 3:] / _NOISE.orientation], axis=1
     )
-    return candidates[_greedy(rows, examples)]
+    return candidates[most_informative(rows, examples, np.eye(model.size))]
 
 
-def _greedy(rows: FloatArray, examples: int) -> list[int]:
-    """Indices of the candidates ``(n, 6, p)``, chosen one after another."""
-    covariance = np.eye(rows.shape[2])
+def most_informative(rows: FloatArray, count: int, covariance: FloatArray) -> list[int]:
+    """Indices of the measurements that tell most about parameters, chosen one after another.
+
+    Args:
+        rows: ``(n, r, p)`` derivatives of each measurement by the parameters, in standard
+            deviations of the noise.
+        count: how many, at most n.
+        covariance: ``(p, p)`` of the parameters before.
+    """
     # Covariance of each candidate's measurement, given those chosen.
-    uncertainty = rows @ np.swapaxes(rows, 1, 2)
+    uncertainty = rows @ covariance @ np.swapaxes(rows, 1, 2)
+    identity = np.eye(rows.shape[1])
     chosen: list[int] = []
-    for _ in range(examples):
-        gains = np.linalg.slogdet(np.eye(6) + uncertainty)[1]
+    for _ in range(count):
+        gains = np.linalg.slogdet(identity + uncertainty)[1]
         gains[chosen] = -np.inf
         best = int(np.argmax(gains))
         chosen.append(best)
         learned = rows[best] @ covariance
-        inside = np.linalg.inv(np.eye(6) + uncertainty[best])
+        inside = np.linalg.inv(identity + uncertainty[best])
         covariance = covariance - learned.T @ inside @ learned
         shared = rows @ learned.T
         uncertainty = uncertainty - shared @ inside @ np.swapaxes(shared, 1, 2)

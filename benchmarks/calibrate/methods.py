@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from annik_core.dataset import MEASURED, Dataset
 from annik_core.robots.library import load_robot
 from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
+from annik_training.calibration.measurements import KnownDistance, Measurements
 from benchmarks.calibrate.geometry import FloatArray, fit_poses, fit_sockets
 from benchmarks.calibrate.problems import MeasuredSet, Rows
 
@@ -92,6 +93,21 @@ def _version_0_1(one: MeasuredSet, rows: Rows, joint_positions: FloatArray) -> P
     return _predicted(found, base, tool, joint_positions)
 
 
+def _annik(one: MeasuredSet, rows: Rows, joint_positions: FloatArray) -> Prediction:
+    """As ``annik calibrate`` does: frames, parts and bound from the rows alone."""
+    robot = load_robot(one.urdf, end_effector_frame=one.tip)
+    distances = () if rows.sockets is None else rows.distances
+    measurements = Measurements(
+        rows.joint_positions,
+        rows.positions,
+        rows.rotations,
+        rows.sockets,
+        [KnownDistance(*distance) for distance in distances],
+    )
+    found = calibrate(robot, measurements)
+    return _predicted(found, found.frames.base, found.frames.tool, joint_positions)
+
+
 def _predicted(
     found: CalibratedRobot, base: FloatArray, tool: FloatArray, joint_positions: FloatArray
 ) -> Prediction:
@@ -124,4 +140,5 @@ METHODS: Mapping[str, Method] = {
     "version 0.1": Method(
         "the frames as for nominal, then the parts of version 0.1", _version_0_1, False
     ),
+    "annik": Method("annik calibrate, from the rows alone", _annik),
 }

@@ -50,7 +50,7 @@ def test_help_names_every_command_and_says_what_it_does() -> None:
     result = invoke("--help")
     assert result.exit_code == 0
     assert invoke("-h").output == result.output
-    shared = {"__init__", "__main__", "options", "output", "plots"}
+    shared = {"__init__", "__main__", "calibration_report", "options", "output", "plots"}
     files = {path.stem for path in Path(str(cli_package.__file__)).parent.glob("*.py")}
     assert set(COMMANDS) == files - shared - {"model_files"} | {"info", "export-urdf"}
     shown = " ".join(result.output.split())

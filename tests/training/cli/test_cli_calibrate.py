@@ -26,6 +26,7 @@ from annik_core.safety import IkStatus
 from annik_core.solver.ik_solver import IkSolver
 from annik_training.calibration.calibrate import CalibrationOptions
 from annik_training.calibration.errors import NotMeasured
+from annik_training.calibration.measurements import Measurements
 from annik_training.cli import cli, main
 from annik_training.designs.registry import generate_dataset
 
@@ -162,6 +163,75 @@ def test_options_arrive_at_the_calibration(
         ("ur5e", 20, CalibrationOptions(position_only=True, seed=4)),
         ("ur5e", 20, CalibrationOptions(position_only=False, seed=0)),
     ]
+
+
+class TestFiles:
+    """What is read of tables and folders arrives at the calibration, which is not made here."""
+
+    @pytest.fixture
+    def asked(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Measurements]:
+        monkeypatch.chdir(tmp_path)
+        asked: list[Measurements] = []
+
+        def calibrate(_: Robot, measurements: Measurements, __: CalibrationOptions) -> None:
+            asked.append(measurements)
+            raise RobotMismatch("enough", "a", "b")
+
+        monkeypatch.setattr("annik_training.calibrate", calibrate)
+        dataset = measured_ur5e(TRUTH, 20)
+        table = np.hstack([np.degrees(dataset.joint_positions), 1e3 * dataset.poses[:, :3]])
+        header = ",".join([*UR5E.joint_names, "x", "y", "z", "sigma"])
+        numbers = np.hstack([table, np.ones((20, 1))])
+        np.savetxt("poses.csv", numbers, delimiter=",", header=header, comments="")
+        for placement in ("left", "right"):
+            Path("sockets", placement).mkdir(parents=True)
+            for hole in (0, 1):
+                rows = dataset.joint_positions[10 * hole : 10 * hole + 10]
+                np.savetxt(Path("sockets", placement, f"hole_{hole}.csv"), rows, delimiter=",")
+        return asked
+
+    def run(self, *arguments: object) -> Result:
+        result = invoke("calibrate", "--out", "m.onnx", *arguments)
+        assert isinstance(result.exception, RobotMismatch), result.output
+        return result
+
+    def test_a_table(self, asked: list[Measurements]) -> None:
+        units = ("--length-unit", "mm", "--angle-unit", "deg")
+        table = ("--robot", "ur5e", "--measurements", "poses.csv", *units)
+        result = self.run(*table)
+        self.run(*table, "--measurements", "poses.csv", "--frame-known", "--tool-known")
+        assert "sigma" in result.output
+        expected = measured_ur5e(TRUTH, 20)
+        one, two = asked
+        assert one.positions is not None
+        assert np.allclose(one.positions, expected.poses[:, :3])
+        assert np.allclose(one.joint_positions, expected.joint_positions)
+        assert (len(one), one.frame_known, one.tool_known) == (20, False, False)
+        assert (len(two), two.frame_known, two.tool_known) == (40, True, True)
+
+    def test_sockets(self, asked: list[Measurements]) -> None:
+        self.run("--robot", "ur5e", "--sockets", "sockets", "--socket-distance", "0.05")
+        self.run("--robot", "ur5e", "--sockets", "sockets/left", "--sockets", "sockets/right")
+        one, two = asked
+        assert [distance.metres for distance in one.distances] == [0.05, 0.05]
+        assert not two.distances
+        assert np.array_equal(one.joint_positions, two.joint_positions)
+
+    @pytest.mark.parametrize(
+        "arguments",
+        [
+            ("--out", "m.onnx"),
+            ("--out", "m.onnx", "--measurements", "poses.csv"),
+            ("--out", "m.onnx", "--robot", "ur5e", "--measurements", "a", "--sockets", "sockets"),
+            ("--robot", "ur5e", "--measurements", "poses.csv"),
+            ("--out", "m.onnx", "--robot", "ur5e", "--measurements", "a", "--length-unit", "ft"),
+        ],
+    )
+    def test_what_is_missing_or_too_much(
+        self, asked: list[Measurements], arguments: tuple[str, ...]
+    ) -> None:
+        assert invoke("calibrate", *arguments).exit_code == 2
+        assert not asked
 
 
 @pytest.mark.slow
