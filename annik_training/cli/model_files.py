@@ -10,7 +10,6 @@ from rich.table import Table
 
 from annik_core.files import write_file
 from annik_core.model.artifact import load_model
-from annik_core.robots.calibrated_urdf import calibrated_urdf
 from annik_core.robots.description import robot_urdf
 from annik_training.calibration.errors import NotCalibrated
 from annik_training.cli.options import FILE, PATH
@@ -52,7 +51,13 @@ def export_urdf(model: Path, out: Path | None, calibrated: bool) -> None:
     robot = load_model(model).robot
     if calibrated and "corrections" not in robot.definition:
         raise NotCalibrated(robot.name)
-    urdf = calibrated_urdf(robot) if calibrated else robot_urdf(robot)
+    if calibrated:
+        # Not above: it loads slowly.
+        from annik_core.robots.calibrated_urdf import calibrated_urdf
+
+        urdf = calibrated_urdf(robot)
+    else:
+        urdf = robot_urdf(robot)
     if out is None:
         click.echo(urdf)
     else:

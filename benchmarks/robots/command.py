@@ -95,10 +95,10 @@ def robots(
     if page_only:
         rewrite_page(docs, PAGE, DATA, page)
         return
-    if folder is None:
-        raise click.UsageError("name the folder with the URDFs")
     settings = chosen(_QUICK if quick else _STANDARD, amounts)
     docs = docs_folder(docs, standard=False, quick=quick)
+    if folder is None:
+        raise click.UsageError("name the folder with the URDFs")
     folders = output_folders(out, docs)
     load_before, results, refused = load(), [], {}
     arms = arms_of(folder)
