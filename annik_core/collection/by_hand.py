@@ -43,16 +43,18 @@ class HandGuided:
         """Continue the file, or begin it; ``still_tolerance`` [rad or m], ``still_time`` [s].
 
         Raises:
-            InvalidValue: if the file has other columns than the joints.
-            AnnikError: if it can't be read or written.
+            InvalidValue: if the file has other columns than the joints, or can't be used.
         """
         self.path = path
         self._names = joint_names
         self._tolerance, self._time = still_tolerance, still_time
         self._latest: deque[tuple[float, FloatArray]] = deque()
-        ensure_writable_folder(path.parent)
-        lines = read_text(path).splitlines() if path.exists() else []
-        self.rows = []
+        try:
+            ensure_writable_folder(path.parent)
+            lines = read_text(path).splitlines() if path.exists() else []
+        except (OSError, ValueError) as error:
+            raise InvalidValue("by_hand", str(path), f"a file to write ({error})") from error
+        self.rows: list[FloatArray] = []
         for line in lines:
             try:
                 row = np.array([float(number) for number in line.split(",")])

@@ -57,3 +57,8 @@ def test_a_file_of_another_arm_is_not_continued(tmp_path: Path) -> None:
     path.write_text("1.0,2.0\n", encoding="utf-8")
     with pytest.raises(InvalidValue):
         _guided(path)
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValue):
+        _guided(tmp_path)
