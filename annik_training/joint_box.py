@@ -15,7 +15,7 @@ _LINES, _STEPS = 200, 24
 #: A singular value below this part of the greatest is zero, but for the digits of a URDF.
 _ZERO = 1e-4
 #: From this width on, both ends of a joint's interval are nearly the same position [rad].
-_NEARLY_A_TURN = FULL_TURN - 0.2
+NEARLY_A_TURN = FULL_TURN - 0.2
 #: Limits beyond these are rather of another unit.
 _USUAL_LIMITS = (
     ("revolute", 2.0 * FULL_TURN + 0.1, "degrees, but a URDF has rad"),
@@ -87,7 +87,7 @@ def findings(robot: Robot) -> list[str]:
             "whole robot: solutions anywhere within the joint limits, on every branch; no joint "
             "box is needed",
         ]
-    wide = box.upper - box.lower > _NEARLY_A_TURN
+    wide = box.upper - box.lower > NEARLY_A_TURN
     if turns := ", ".join(names[wide & (kinds == "revolute")]):
         found.append(
             f"the box of {turns} is a full turn: poses near its ends have a second solution at "
@@ -97,6 +97,38 @@ def findings(robot: Robot) -> list[str]:
     lower[moves.locks] = upper[moves.locks] = box.centre[moves.locks]
     branches = _branches(robot, JointLimits(box.joint_names, lower, upper))
     return [*found, f"with {locks}: {branches}" if locks else branches]
+
+
+def regularity(robot: Robot, joint_positions: FloatArray) -> FloatArray:
+    """How far from singular the Jacobians at joint positions ``(n, dof)`` are, in no unit."""
+    jacobians = _scaled_jacobians(robot, joint_positions, robot.joint_box)
+    values: FloatArray = np.linalg.svd(jacobians)[1]
+    rank = int((values > _ZERO * values[:, :1]).sum(axis=1).max())
+    return values[:, rank - 1]
+
+
+def beyond_singularity(
+    robot: Robot, box: JointLimits, start: FloatArray, count: int, seed: int
+) -> FloatArray:
+    """Those of random joint positions ``(count, dof)`` of a box beyond a singularity ``(m, dof)``.
+
+    Most are on sides, edges and corners of the box, which reach furthest. On a straight line from
+    ``start`` ``(dof,)``; where six joints are free, by the sign of the determinant, whatever is
+    between.
+    """
+    steps = 2 if len(box.free) == 6 else _STEPS
+    rng = np.random.default_rng(seed)
+    ends = box.sample(count if steps == 2 else count // 4, rng)
+    at_bound = rng.uniform(size=ends.shape) < rng.uniform(size=(len(ends), 1))
+    ends = np.where(
+        at_bound, np.where(rng.uniform(size=ends.shape) < 0.5, box.lower, box.upper), ends
+    )
+    lines = start + (ends - start)[:, np.newaxis] * np.linspace(0.0, 1.0, steps)[:, np.newaxis]
+    determinants = _determinants(robot, lines, box)
+    crossed = determinants[:, 1:] * determinants[:, :1] < 0.0
+    beyond = crossed.any(axis=1)
+    found: FloatArray = lines[beyond, 1 + crossed[beyond].argmax(axis=1)]
+    return found
 
 
 def _branches(robot: Robot, box: JointLimits) -> str:

@@ -59,6 +59,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "errors",
         "networks",
         "joint_box",
+        "suggested_box",
         "fitting",
         "defaults",
         "calibration",

@@ -213,10 +213,12 @@ class Robot:
     def has_whole_box(self) -> bool:
         """Whether the joint box leaves out nothing that the limits allow, full turns apart.
 
-        Corrections are known in the box alone, also where it is a full turn.
+        Networks of a calibration are known in the box alone, also where it is a full turn.
         """
         box, limits = self.joint_box, self.joint_limits
-        kinds = {"continuous"} if "corrections" in self.definition else {"continuous", "revolute"}
+        corrections = self.definition.get("corrections") or {}
+        learned = any(corrections.get(key) for key in ("joint_networks", "pose_network"))
+        kinds = {"continuous"} if learned else {"continuous", "revolute"}
         turns = np.array([kind in kinds for kind in self.joint_types])
         width = limits.upper - limits.lower
         width = np.where(turns, np.minimum(width, FULL_TURN), width)

@@ -16,6 +16,7 @@ from click.testing import CliRunner, Result
 from support.six_joint_arm import BASE, BOX, FLANGE, FRAMES, JOINT_BOX, JOINTS, URDF
 
 from annik_core.dataset import Dataset
+from annik_core.errors import InvalidValue
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import load_robot
 from annik_core.solver.ik_solver import IkSolver, SolverMode
@@ -155,6 +156,19 @@ def test_robot_says_whether_the_box_is_on_one_branch(
     result = invoke("robot", robot, *options)
     assert result.exit_code == 0, result.output
     assert re.search(said, words(result.output))
+
+
+def test_a_suggested_box_can_be_pasted(arm: Path) -> None:
+    around = ("--around", "shoulder=-0.8", "--around", "elbow=1.1", "--around", "bend=1")
+    result = invoke("robot", arm, *FRAMES, "--suggest-box", *around)
+    assert result.exit_code == 0, result.output
+    pasted = result.output.splitlines()[-1].split()
+    boxed = invoke("robot", arm, *FRAMES, *pasted)
+    assert boxed.exit_code == 0, boxed.output
+    assert "one branch: no singularity" in boxed.output
+    for wrong in ("elbow", "elbow=x", "knee=1"):
+        refused = invoke("robot", arm, *FRAMES, "--suggest-box", "--around", wrong)
+        assert isinstance(refused.exception, InvalidValue)
 
 
 @pytest.mark.parametrize("source", ["arm.urdf", "ur5e", "panda", "iiwa14", "scara"])
