@@ -144,8 +144,8 @@ setup(
             "sympy>=1.12",
             "torch>=2.4",
         ],
-        # The page in the browser.
-        "view": ["viser>=1.0"],
+        # The page in the browser, and the interactive report.
+        "view": ["plotly>=6.0", "viser>=1.0"],
         # colcon takes an extra of this name that has pytest for the order to run it.
         "test": ["hypothesis", "pytest"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.

@@ -46,7 +46,7 @@ _REMEDIES = {
     **dict.fromkeys(
         ("joblib", "onnx", "onnxscript", "sympy", "torch"), "pip install '.[training]'"
     ),
-    "viser": "pip install '.[view]'",
+    **dict.fromkeys(("plotly", "viser"), "pip install '.[view]'"),
     **{
         name: f"pip install {name}"
         for name in ("click", "onnxruntime", "rich", "rosbags", "ruamel", "zstandard")

@@ -17,7 +17,7 @@ from msg_tools import topics
 from msg_tools.bags.reader import Bag, BagRecord
 from msg_tools.report.matching import TimedPose, match_targets
 from msg_tools.report.namespace import robot_namespace
-from msg_tools.report.refusals import refusal_counts
+from msg_tools.report.refusals import RefusalCounts, refusal_history
 
 #: Recorded and recomputed tracking errors may differ by this much [m and rad].
 ERROR_AGREEMENT: Final = 1e-9
@@ -63,6 +63,8 @@ class TrackingReport:
     refusal_reasons: dict[str, int]
     #: The last of them in words, with the value and what is allowed; may be empty.
     last_refusal: str
+    #: What the diagnostics counted, whenever it changed.
+    refusals: tuple[RefusalCounts, ...]
     #: Targets with a command and a result, in order of acceptance.
     targets: tuple[TargetResult, ...]
     position_error_mm: Summary | None  #: over ``targets`` [mm]; None if there are none
@@ -159,7 +161,8 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         )
     unanswered = max(0, sent - answered)
     by_time = sorted(records[topics.DIAGNOSTICS.name], key=lambda record: record.log_time_ns)
-    counts = refusal_counts((record.message for record in by_time), chosen)
+    refusals = refusal_history((record.message for record in by_time), chosen)
+    counts = refusals[-1] if refusals else None
     if counts is None and unanswered:
         notes.append(
             "The bag holds no diagnostics of the ik_node: every target without a command is "
@@ -199,6 +202,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         targets_refused=unanswered if counts is None else counts.refused,
         refusal_reasons=counts.reasons if counts is not None else {},
         last_refusal=counts.last if counts is not None else "",
+        refusals=refusals,
         targets=targets,
         position_error_mm=_summary([target.position_error_mm for target in targets]),
         orientation_error_deg=_summary([target.orientation_error_deg for target in targets]),

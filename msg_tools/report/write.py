@@ -4,17 +4,15 @@ import csv
 import json
 from base64 import b64encode
 from collections.abc import Mapping
-from importlib.resources import files
 from io import StringIO
 from pathlib import Path
 from typing import Final
-
-from jinja2 import Environment, StrictUndefined
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from msg_tools.bags.reader import read_bag
 from msg_tools.report.plots import report_plots
 from msg_tools.report.table import overall_rows, target_rows
+from msg_tools.report.templates import rendered
 from msg_tools.report.tracking import TrackingReport, tracking_report
 
 #: Rows of the table; targets.csv holds all.
@@ -62,14 +60,11 @@ def write_report(
 
 def _report_html(report: TrackingReport, plots: Mapping[str, bytes]) -> str:
     """The report as an HTML document; ``plots`` (file name to PNG) are embedded."""
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = files("msg_tools.report").joinpath("report.html.jinja").read_text(encoding="utf-8")
     pictures = [
         (name, _CAPTIONS.get(name, name), b64encode(png).decode()) for name, png in plots.items()
     ]
-    return environment.from_string(template).render(
+    return rendered(
+        "report.html.jinja",
         report=report,
         overall=overall_rows(report),
         target_rows=target_rows(report.targets[:_MAX_ROWS]),
