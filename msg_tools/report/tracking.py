@@ -1,7 +1,7 @@
 """Tracking error of a robot, computed from a bag."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -114,6 +114,16 @@ class TrackingReport:
         }
 
 
+class _Record(NamedTuple):
+    """What is kept of a message: a long bag of decoded messages would fill the memory."""
+
+    topic: str
+    log_time_ns: int
+    publish_time_ns: int
+    stamp_ns: int  #: of the header; 0 without a header
+    content: Any  #: see ``_READ``
+
+
 class _Pair(NamedTuple):
     stamp: int
     target: FloatArray
@@ -138,15 +148,13 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
     """
     chosen = robot_namespace(bag, namespace)
     names = {
-        topic.name: topic.name
-        if topic.name.startswith("/")
-        else f"{chosen.rstrip('/')}/{topic.name}"
-        for topic in topics.TOPICS
+        topic: topic if topic.startswith("/") else f"{chosen.rstrip('/')}/{topic}"
+        for topic in _READ
     }
-    records: dict[str, list[BagRecord]] = defaultdict(list)
+    records: dict[str, list[_Record]] = defaultdict(list)
     by_name = {name: topic for topic, name in names.items()}
     for record in bag.records(by_name):
-        records[by_name[record.topic]].append(record)
+        records[by_name[record.topic]].append(_kept(record, by_name[record.topic]))
     notes = [f"The bag is damaged. {fault}." for fault in bag.damage]
 
     pairs, ambiguous = _pairs(records, bag, notes)
@@ -161,7 +169,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
         )
     unanswered = max(0, sent - answered)
     by_time = sorted(records[topics.DIAGNOSTICS.name], key=lambda record: record.log_time_ns)
-    refusals = refusal_history((record.message for record in by_time), chosen)
+    refusals = refusal_history((record.content for record in by_time), chosen)
     counts = refusals[-1] if refusals else None
     if counts is None and unanswered:
         notes.append(
@@ -215,7 +223,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
 
 
 def _pairs(
-    records: dict[str, list[BagRecord]], bag: Bag, notes: list[str]
+    records: dict[str, list[_Record]], bag: Bag, notes: list[str]
 ) -> tuple[list[_Pair], int]:
     """Accepted targets with their achieved poses, by stamp; how many latencies are ambiguous."""
     accepted = _by_stamp(records[topics.ACCEPTED_TARGET.name], "accepted targets", notes)
@@ -226,8 +234,8 @@ def _pairs(
     invalid = 0
     for stamp in sorted(accepted.keys() & achieved.keys()):
         try:
-            target = checked_pose(_pose(accepted[stamp].message.pose))
-            result = checked_pose(_pose(achieved[stamp].message.pose))
+            target = checked_pose(accepted[stamp].content)
+            result = checked_pose(achieved[stamp].content)
         except ConversionError:
             invalid += 1
             continue
@@ -251,27 +259,22 @@ def _pairs(
 
 
 def _latencies(
-    records: dict[str, list[BagRecord]],
-    accepted: dict[int, BagRecord],
-    commands: dict[int, BagRecord],
+    records: dict[str, list[_Record]],
+    accepted: dict[int, _Record],
+    commands: dict[int, _Record],
     bag: Bag,
 ) -> _Latencies:
-    def time(record: BagRecord) -> int:
+    def time(record: _Record) -> int:
         return record.publish_time_ns if bag.has_publish_times else record.log_time_ns
 
     sent = [
-        TimedPose(record.topic, time(record), _pose(record.message))
-        for record in records[topics.TARGET_POSE.name]
-    ]
-    sent += [
-        TimedPose(record.topic, time(record), _pose(record.message.pose))
-        for record in records[topics.TARGET_POSE_STAMPED.name]
+        TimedPose(record.topic, time(record), record.content)
+        for topic in (topics.TARGET_POSE, topics.TARGET_POSE_STAMPED)
+        for record in records[topic.name]
     ]
     stamps = sorted(accepted.keys() & commands.keys())
     answers = [
-        TimedPose(
-            accepted[stamp].topic, time(accepted[stamp]), _pose(accepted[stamp].message.pose)
-        )
+        TimedPose(accepted[stamp].topic, time(accepted[stamp]), accepted[stamp].content)
         for stamp in stamps
     ]
     matches = match_targets(sent, answers)
@@ -284,7 +287,7 @@ def _latencies(
 
 
 def _recorded_error_difference(
-    pairs: Sequence[_Pair], records: dict[str, list[BagRecord]], notes: list[str]
+    pairs: Sequence[_Pair], records: dict[str, list[_Record]], notes: list[str]
 ) -> tuple[float, float] | None:
     positions = _by_stamp(records[topics.POSITION_ERROR.name], "position errors", notes)
     orientations = _by_stamp(records[topics.ORIENTATION_ERROR.name], "orientation errors", notes)
@@ -293,8 +296,8 @@ def _recorded_error_difference(
         if pairs:
             notes.append("The bag holds no recorded tracking errors to compare with.")
         return None
-    recorded_positions = np.array([_vector(positions[p.stamp].message.vector) for p in both])
-    recorded_rotations = np.array([_vector(orientations[p.stamp].message.vector) for p in both])
+    recorded_positions = np.array([positions[p.stamp].content for p in both])
+    recorded_rotations = np.array([orientations[p.stamp].content for p in both])
     # A NaN is not valid, so not '>'.
     valid = (np.abs(recorded_positions) <= 2 * LARGEST_COORDINATE).all(axis=1)
     valid &= (np.abs(recorded_rotations) <= LARGEST_COORDINATE).all(axis=1)
@@ -323,16 +326,14 @@ def _recorded_error_difference(
     return float(position_difference), float(rotation_difference)
 
 
-def _by_stamp(records: Sequence[BagRecord], what: str, notes: list[str]) -> dict[int, BagRecord]:
+def _by_stamp(records: Sequence[_Record], what: str, notes: list[str]) -> dict[int, _Record]:
     """Records by header stamp [ns]; a stamp that occurs twice pairs with nothing."""
-    found: dict[int, BagRecord] = {}
+    found: dict[int, _Record] = {}
     repeated: set[int] = set()
     for record in records:
-        stamp = record.message.header.stamp
-        nanoseconds = stamp.sec * 1_000_000_000 + stamp.nanosec
-        if nanoseconds in found:
-            repeated.add(nanoseconds)
-        found[nanoseconds] = record
+        if record.stamp_ns in found:
+            repeated.add(record.stamp_ns)
+        found[record.stamp_ns] = record
     for stamp in repeated:
         del found[stamp]
     if repeated:
@@ -341,7 +342,7 @@ def _by_stamp(records: Sequence[BagRecord], what: str, notes: list[str]) -> dict
 
 
 def _why_no_pairs(
-    records: dict[str, list[BagRecord]], names: dict[str, str], sent: int, answered: int
+    records: dict[str, list[_Record]], names: dict[str, str], sent: int, answered: int
 ) -> str:
     if sent and not answered:
         return f"There is nothing to compare: none of {sent} targets has a command."
@@ -382,6 +383,16 @@ def _summary_entries(summary: Summary | None) -> dict[str, float | None]:
     return dict.fromkeys(Summary._fields) if summary is None else dict(summary._asdict())
 
 
+def _kept(record: BagRecord, topic: str) -> _Record:
+    message = record.message
+    stamp_ns = 0
+    if topic != topics.TARGET_POSE.name:
+        stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    return _Record(
+        record.topic, record.log_time_ns, record.publish_time_ns, stamp_ns, _READ[topic](message)
+    )
+
+
 def _pose(message: Pose) -> FloatArray:
     p, q = message.position, message.orientation
     return np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
@@ -389,3 +400,16 @@ def _pose(message: Pose) -> FloatArray:
 
 def _vector(message: Vector3) -> tuple[float, float, float]:
     return message.x, message.y, message.z
+
+
+#: The topics that are read, and what is kept of a message of each besides times and stamp.
+_READ: Final[Mapping[str, Callable[[Any], Any]]] = {
+    topics.TARGET_POSE.name: _pose,
+    topics.TARGET_POSE_STAMPED.name: lambda message: _pose(message.pose),
+    topics.ACCEPTED_TARGET.name: lambda message: _pose(message.pose),
+    topics.JOINT_COMMAND.name: lambda message: None,
+    topics.ACHIEVED_POSE.name: lambda message: _pose(message.pose),
+    topics.POSITION_ERROR.name: lambda message: _vector(message.vector),
+    topics.ORIENTATION_ERROR.name: lambda message: _vector(message.vector),
+    topics.DIAGNOSTICS.name: lambda message: message,
+}
