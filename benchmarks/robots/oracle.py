@@ -26,7 +26,9 @@ _DAMPING = 1e-13
 _EDGE = 1e-9
 #: Steps in which a continuation goes from one point of a path to the next.
 _SUBSTEPS = 20
-#: Singular values below this share of the largest count as zero.
+#: Singular values below this share of the largest are rounding.
+_ROUNDING = 1e-6
+#: Singular values below this share of the largest count as zero, by the digits of a URDF.
 _SINGULAR = 1e-4
 
 
@@ -154,7 +156,7 @@ class Oracle:
         _, jacobians = self._linearised(np.array([before, after]), pose[np.newaxis])
         standing = (after <= self.lower + _EDGE) | (after >= self.upper - _EDGE)
         held = jacobians * ~standing
-        inverses = np.linalg.pinv(np.concatenate([jacobians, held]), rcond=_SINGULAR)
+        inverses = np.linalg.pinv(np.concatenate([jacobians, held]), rcond=_ROUNDING)
         return float(np.abs(inverses @ twist).max())
 
     def continues(self, before: FloatArray, pose: FloatArray) -> bool:
