@@ -179,6 +179,7 @@ setup(
             "fake_robot = annik_ros.main:fake_robot",
             "ik_node = annik_ros.main:ik_node",
             "target_publisher = annik_ros.main:target_publisher",
+            "viewer = annik_ros.main:viewer",
         ]
     },
     zip_safe=False,

@@ -33,6 +33,7 @@ example_collector = partial(run, "example_collector")
 fake_robot = partial(run, "fake_robot")
 ik_node = partial(run, "ik_node")
 target_publisher = partial(run, "target_publisher")
+viewer = partial(run, "viewer")
 
 if __name__ == "__main__":
     sys.exit(run(sys.argv.pop(1)))

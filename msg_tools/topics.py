@@ -19,7 +19,7 @@ class Topic(NamedTuple):
 TARGET_POSE = Topic(
     "target_pose",
     "geometry_msgs/msg/Pose",
-    "you, or target_publisher",
+    "you, target_publisher, or viewer",
     "ik_node",
     "target pose of the end effector in the base frame [m, unit quaternion]",
 )
@@ -64,7 +64,7 @@ ACCEPTED_TARGET = Topic(
     "accepted_target",
     "geometry_msgs/msg/PoseStamped",
     "ik_node",
-    "fake_robot",
+    "fake_robot, viewer",
     "the target of the command with the same stamp; published if there is a subscriber",
 )
 JOINT_TRAJECTORY = Topic(
@@ -87,7 +87,7 @@ JOINT_STATES = Topic(
     "joint_states",
     "sensor_msgs/msg/JointState",
     "the robot, or fake_robot",
-    "ik_node, example_collector",
+    "ik_node, example_collector, viewer",
     "measured joint positions [rad or m]; the first command must be near them. fake_robot: "
     "after each command, with its stamp; at joint_state_rate; at measurement_rate, with the stamp "
     "of measured_pose",
@@ -103,7 +103,7 @@ ACHIEVED_POSE = Topic(
     "achieved_pose",
     "geometry_msgs/msg/PoseStamped",
     "fake_robot",
-    "you",
+    "you, or viewer",
     "end-effector pose at those joint positions in the base frame, by the forward kinematics or "
     "with the errors of an imperfect arm; stamp: its command's",
 )
@@ -119,14 +119,14 @@ POSITION_ERROR = Topic(
     "tracking_error/position",
     "geometry_msgs/msg/Vector3Stamped",
     "fake_robot",
-    "you",
+    "you, or viewer",
     "target minus achieved position in the base frame [m]; stamp: its command's",
 )
 ORIENTATION_ERROR = Topic(
     "tracking_error/orientation",
     "geometry_msgs/msg/Vector3Stamped",
     "fake_robot",
-    "you",
+    "you, or viewer",
     "rotation vector from achieved to target in the base frame [rad]; stamp: its command's",
 )
 DIAGNOSTICS = Topic(

@@ -87,6 +87,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "fake_robot",
         "ik_node",
         "target_publisher",
+        "viewer",
         "launch_arguments",
         "launch_actions",
         "main",

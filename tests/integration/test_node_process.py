@@ -98,6 +98,7 @@ class TestParameterNames:
         ("fake_robot", "modle:=ur5e", "model"),
         ("target_publisher", "Rate:=5.0", "rate"),
         ("bag_recorder", "outptu:=bag", "output"),
+        ("viewer", "prot:=8081", "port"),
         ("example_collector", "max_velocity:=0.1", "max_joint_velocity"),
     ],
 )

@@ -27,6 +27,7 @@ EXECUTABLES = {
     "fake_robot",
     "ik_node",
     "target_publisher",
+    "viewer",
 }
 
 #: A plug-in of pytest that ends it, under the names of those that Jazzy installs.

@@ -60,6 +60,7 @@ def test_there_is_a_script_for_every_node_and_for_the_command_line() -> None:
         "fake_robot",
         "ik_node",
         "target_publisher",
+        "viewer",
     }
 
 

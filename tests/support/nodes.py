@@ -28,6 +28,7 @@ READY_TEXTS = {
     "ik_node": "serving ",
     "fake_robot": "fake robot ",
     "target_publisher": "subscriber(s)",
+    "viewer": "showing ",
 }
 
 

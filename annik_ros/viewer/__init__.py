@@ -1,0 +1,1 @@
+"""viewer: the robot in the browser, and targets dragged there."""
