@@ -53,14 +53,8 @@ class Viewer(Node):
             base_frame=parameters.base_frame or None,
             end_effector_frame=parameters.end_effector_frame or None,
         )
-        drives = is_local(parameters.host) or parameters.drive_from_other_machines
         if not is_local(parameters.host):
-            self.get_logger().warning(
-                open_to_others(parameters.host)
-                if drives
-                else f"no switch to drive the robot, since others can reach {parameters.host}: "
-                "set drive_from_other_machines to have it"
-            )
+            self.get_logger().warning(open_to_others(parameters.host))
         #: Done, with exit code 1, when the page fails.
         self.failed = Future()
         self._accepted: list[FloatArray] = []
@@ -73,7 +67,7 @@ class Viewer(Node):
             ViewState(solver, follows=True),
             host=parameters.host,
             port=parameters.port,
-            drive=self._publish if drives else None,
+            drive=self._publish if parameters.drive else None,
         )
         self._measured = MeasuredJointPositions(self, solver.robot.joint_names, _TIMEOUT)
         for topic, poses in ((ACCEPTED_TARGET, self._accepted), (ACHIEVED_POSE, self._achieved)):

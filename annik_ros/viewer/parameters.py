@@ -32,10 +32,11 @@ class ViewerParameters:
     port: int = parameter(
         8080, "Port of the page: the first free one from this on.", within=(1, 65_535)
     )
-    drive_from_other_machines: bool = parameter(
+    drive: bool = parameter(
         False,
-        "true: the page has its drive switch at any address, so whoever reaches it can move the "
-        "robot; false: only at an address of this machine.",
+        "true: the page has a switch that publishes the dragged target, so whoever reaches the "
+        "page can move the robot, also another page that is open in a browser of this machine; "
+        "false: the page only shows.",
     )
 
     def __post_init__(self) -> None:
