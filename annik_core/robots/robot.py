@@ -83,8 +83,6 @@ class ForwardKinematics(Protocol):
         return self.linearise(joint_positions, target).residuals
 
 
-#: Part of a joint's range that soft limits may leave out.
-_SOFT = 0.2
 FULL_TURN = 2.0 * math.pi
 #: Rounding of the ends of a turn [rad].
 TURN_TOLERANCE = 1e-9
@@ -215,9 +213,7 @@ class Robot:
     def has_whole_box(self) -> bool:
         """Whether the joint box leaves out nothing that the limits allow, full turns apart.
 
-        Soft limits of a URDF, which leave out less than a fifth of the range, are
-        such a box too. Networks of a calibration are known in the box alone, also where it is a
-        full turn.
+        Networks of a calibration are known in the box alone, also where it is a full turn.
         """
         box, limits = self.joint_box, self.joint_limits
         corrections = self.definition.get("corrections") or {}
@@ -226,8 +222,7 @@ class Robot:
         turns = np.array([kind in kinds for kind in self.joint_types])
         width = limits.upper - limits.lower
         width = np.where(turns, np.minimum(width, FULL_TURN), width)
-        left_out = 0.0 if learned else _SOFT * width
-        return bool((box.upper - box.lower >= width - left_out - TURN_TOLERANCE).all())
+        return bool((box.upper - box.lower >= width - TURN_TOLERANCE).all())
 
     @cached_property
     def definition_hash(self) -> str:

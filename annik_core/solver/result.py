@@ -177,8 +177,10 @@ class IkResults(Sequence[IkResult]):
 
     @overload
     def __getitem__(self, index: int) -> IkResult: ...
+
     @overload
     def __getitem__(self, index: slice) -> list[IkResult]: ...
+
     def __getitem__(self, index: int | slice) -> IkResult | list[IkResult]:
         """The result of one target, or those of several."""
         if isinstance(index, slice):

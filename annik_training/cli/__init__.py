@@ -18,7 +18,8 @@ COMMANDS: Mapping[str, str] = {
     "robot": "Show a robot's joints, frames and joint box, and the branches in the box.",
     "design": "Choose the joint positions of the examples by a design of experiments.",
     "train": "Train a network on few examples and write it as a model file.",
-    "calibrate": "Calibrate an arm from measured poses and write its model file.",
+    "calibrate": "Calibrate an arm from measurements, and write its model file, its URDF, or "
+    "both.",
     "evaluate": "Measure a model's errors at random poses, or at measured ones.",
     "info": "Check a model file and print its metadata.",
     "export-urdf": "Write the URDF of a model's robot, for RViz and robot_state_publisher.",

@@ -206,7 +206,7 @@ def test_neither_log_nor_diagnostics_nor_parameters_tell_the_errors(
     told = re.sub(r"\[\d+\.\d+\]", "[time]", node.log) + str(values)
     drawn = random_imperfections(UR5E, 5)
     for name in set(JOINT_ENTRIES) - {"backlash"}:
-        for amount in getattr(drawn, name):
+        for amount in filter(None, getattr(drawn, name)):
             digits = re.sub(r"^[0.]*", "", f"{abs(amount):.12f}")[:4]
             assert digits not in told
 

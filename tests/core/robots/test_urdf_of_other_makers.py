@@ -300,9 +300,6 @@ class TestNeverDropped:
         robot = load_robot(second(soft))
         assert (robot.joint_box.lower[1], robot.joint_box.upper[1]) == (-0.5, 1.0)
         assert robot.joint_limits.lower[1] == -1.0
-        assert not robot.has_whole_box
-        narrow = soft.replace("'-0.5'", "'-0.9'")
-        assert load_robot(second(narrow)).has_whole_box
         assert load_robot(second(soft), joint_box={"j2": [-1, 1]}).joint_box.lower[1] == -1.0
         for low, high in (("2", "3"), ("x", "1"), ("nan", "1")):
             wrong = soft.replace("'-0.5'", f"'{low}'").replace("'7'", f"'{high}'")
