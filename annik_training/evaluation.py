@@ -62,10 +62,14 @@ class RefinedEvaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for a model's metadata; the units are in the names."""
-        data = dict(vars(self))
-        data["position_residual_m"] = data.pop("position_residual")
-        data["orientation_residual_rad"] = data.pop("orientation_residual")
-        return data
+        return _with_units(self)
+
+
+def _with_units(evaluation: "RefinedEvaluation | WholeRobotEvaluation") -> dict[str, Any]:
+    data = dict(vars(evaluation))
+    data["position_residual_m"] = data.pop("position_residual")
+    data["orientation_residual_rad"] = data.pop("orientation_residual")
+    return data
 
 
 @dataclass(frozen=True)
@@ -81,10 +85,7 @@ class WholeRobotEvaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for a model's metadata; the units are in the names."""
-        data = dict(vars(self))
-        data["position_residual_m"] = data.pop("position_residual")
-        data["orientation_residual_rad"] = data.pop("orientation_residual")
-        return data
+        return _with_units(self)
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def suggested_box(robot: Robot, around: FloatArray | None = None) -> JointLimits
     if usual[0] < _TOO_NEAR * np.median(usual):
         raise _too_near()
     lower, upper = np.maximum(limits.lower, -1e3), np.minimum(limits.upper, 1e3)
-    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
+    turns = robot.rotary
     half = 0.5 * NEARLY_A_TURN
     lower = np.where(turns, np.maximum(lower, around - half), lower)
     upper = np.where(turns, np.minimum(upper, around + half), upper)

@@ -200,6 +200,8 @@ def checked_model(content: bytes, path: Path) -> Model:
     if encoding is None or None in map(encoding.features, _references(model)):
         return model
     model = _with_plain_encoding(model, encoding, graph_of(nodes, metadata.features, graph))
+    if compiled_kernel() is None:
+        return model
     return _with_start_network(model, encoding, layers_of(nodes, metadata.features, graph, path))
 
 
@@ -265,7 +267,7 @@ def _with_start_network(
     model: Model, encoding: PlainEncoding, layers: list[LayerOfGraph] | None
 ) -> Model:
     """The model with its network in the kernel, if it can be, compared with the references."""
-    if compiled_kernel() is None or layers is None:
+    if layers is None:
         return model
     network = compiled_kernel().Network(encoding.width, layers)
     features = map(encoding.features, _references(model))

@@ -14,13 +14,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annik_core.files import bounded_yaml, read_text
-from annik_core.pose import FloatArray, pose_distance, roll_pitch_yaw, rotation_matrix
+from annik_core.pose import FloatArray, pose_distance, roll_pitch_yaw
 from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.definition import checked_numbers
 from annik_core.robots.errors import InvalidRobotDefinition
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_core.robots.screw_chain import ScrewChain, joint_origin
+from annik_core.robots.screw_chain import ScrewChain, joint_origin, motion_matrices
 from annik_core.robots.urdf import add_joint, as_numbers, as_text
 from annik_core.robots.urdf_text import parsed
 
@@ -126,7 +126,7 @@ def calibrated_urdf(robot: Robot, description: str | None = None) -> str:
     """
     chain = parsed(robot.definition["urdf"], robot.name)
     placements = geometric_robot(robot).definition["corrections"]["placements"]
-    motions = [_matrix(motion) for motion in np.array(placements)]
+    motions = motion_matrices(np.array(placements))
     root, joints = chain, list(chain.iter("joint"))
     origins = dict(zip(map(_name, joints), map(joint_origin, joints), strict=True))
     if description is not None:
@@ -250,12 +250,6 @@ def _set_origin(joint: ElementTree.Element, matrix: FloatArray) -> None:
     numbers = matrix[:3, 3].tolist(), roll_pitch_yaw(quaternion.tolist())
     xyz, rpy = map(as_numbers, numbers)
     ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
-
-
-def _matrix(pose: FloatArray) -> FloatArray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation_matrix(pose[3:]), pose[:3]
-    return matrix
 
 
 def _name(joint: ElementTree.Element) -> str:

@@ -85,11 +85,16 @@ def placements_of(
     errors: Sequence[GeometricError], amounts: Sequence[float] | FloatArray, dof: int
 ) -> FloatArray:
     """The motions ``(dof + 1, 7)`` of errors, in their order, by amounts [rad or m]."""
-    from scipy.spatial.transform import Rotation
-
     motions = np.tile(np.eye(4), (dof + 1, 1, 1))
     for error, amount in zip(errors, amounts, strict=True):
         motions[error.place] = motions[error.place] @ error.motion(float(amount))
+    return motion_poses(motions)
+
+
+def motion_poses(motions: FloatArray) -> FloatArray:
+    """Motions ``(n, 4, 4)`` as poses ``(n, 7)``."""
+    from scipy.spatial.transform import Rotation
+
     quaternions = Rotation.from_matrix(motions[:, :3, :3]).as_quat(canonical=True)
     return np.concatenate([motions[:, :3, 3], quaternions], axis=1)
 

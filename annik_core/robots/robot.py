@@ -210,6 +210,11 @@ class Robot:
         return JointLimits(box.joint_names, lower, upper)
 
     @cached_property
+    def rotary(self) -> NDArray[np.bool_]:
+        """Which joints ``(dof,)`` rotate; the others slide."""
+        return np.array([kind != "prismatic" for kind in self.joint_types])
+
+    @cached_property
     def has_whole_box(self) -> bool:
         """Whether the joint box leaves out nothing that the limits allow, full turns apart.
 

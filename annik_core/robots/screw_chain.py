@@ -40,10 +40,7 @@ class ScrewChain:
         The first is before the first joint, in the base frame; number i after the i-th joint, in
         its frame.
         """
-        matrices = np.tile(np.eye(4), (len(motions), 1, 1))
-        matrices[:, :3, :3] = [rotation_matrix(motion[3:]) for motion in motions]
-        matrices[:, :3, 3] = motions[:, :3]
-        return ScrewChain(matrices @ self.placements, self.axes)
+        return ScrewChain(motion_matrices(motions) @ self.placements, self.axes)
 
     def frames(self, joint_positions: FloatArray) -> FloatArray:
         """Frames ``(dof + 1, ..., 4, 4)`` of joints and end effector, for ``(..., dof)``."""
@@ -69,6 +66,14 @@ class ScrewChain:
         """Linear axes ``(dof, 3)``, cross products as matrices ``(dof, 3, 3)``, their squares."""
         cross = np.cross(self.axes[:, np.newaxis, 3:], np.eye(3)).transpose(0, 2, 1)
         return self.axes[:, :3], cross, cross @ cross
+
+
+def motion_matrices(motions: FloatArray) -> FloatArray:
+    """Motions given as poses ``(n, 7)``, as matrices ``(n, 4, 4)``."""
+    matrices = np.tile(np.eye(4), (len(motions), 1, 1))
+    matrices[:, :3, :3] = [rotation_matrix(motion[3:]) for motion in motions]
+    matrices[:, :3, 3] = motions[:, :3]
+    return matrices
 
 
 def joint_origin(joint: ElementTree.Element) -> FloatArray:

@@ -402,7 +402,7 @@ def random_imperfections(
     zero, offset, length, twist = rng.uniform(-1.0, 1.0, (4, robot.dof))
     amplitude, phase, backlash = rng.uniform(0.0, 1.0, (3, robot.dof))
     compliance, mass = rng.uniform(0.0, 1.0, (2, robot.dof))
-    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
+    turns = robot.rotary
     return Imperfections(
         joint_zero=magnitudes.joint_zero_error * zero,
         joint_offset=magnitudes.link_length_error * offset,

@@ -19,7 +19,7 @@ from annik_core.solver.refinement import (
     from_singularity,
 )
 from annik_core.solver.result import RefinementOptions
-from annik_core.solver.search import FoundSolution, FoundSolutions
+from annik_core.solver.search import NEAR, FoundSolution, FoundSolutions
 
 #: Of them, those nearest to a target; for one solution a few are tried first.
 _NEAREST, _FEW = 256, 8
@@ -40,9 +40,9 @@ _ALONE, _LEAST_ALONE, _MOST_ALONE = 0.25, 2e-4, 0.05
 _MOST_PARTS, _LEAST_PART = 64, 1.0 / 512.0
 #: A steady step is at most this long [rad or m]; its correction is at most a part of it, or small.
 _LONG, _STEADY, _SMALL = 0.5, 0.5, 1e-3
-#: To a target nearer than this, in radians and lengths, joints move at most so many times what
-#: the first order says, and what is rounding [rad or m].
-_NEAR, _LEAP, _ROUNDING = 0.2, 1.5, 1e-4
+#: To a near target, joints move at most so many times what the first order says, and what is
+#: rounding [rad or m].
+_LEAP, _ROUNDING = 1.5, 1e-4
 #: Part of a joint's range next to a limit that redundant joints avoid, and how much of the motion.
 _MARGIN, _AVOID, _LEAST_DAMPING = 0.1, 0.4, 1e-9
 #: Samples of a joint motion that is searched for a singularity.
@@ -184,7 +184,7 @@ class PlainSearch:
     ) -> bool:
         """Whether a joint moved much further to a near target than both ends say it must."""
         position, orientation = self.kinematics.residuals(previous, target)
-        if position / self.length + orientation > _NEAR:
+        if position / self.length + orientation > NEAR:
             return False
         motion = np.abs(found - previous).max()
         for at, goal in ((previous, target), (found, start)):

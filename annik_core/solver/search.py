@@ -23,6 +23,11 @@ from typing import NamedTuple, Protocol
 from annik_core.pose import FloatArray
 from annik_core.settings import CheckedSettings, setting
 
+#: A target within this distance of the previous pose, in radians and half reaches, continues its
+#: branch only by a straight motion of the end effector, and no joint moves much further than that
+#: needs; ``search.hpp`` has the same.
+NEAR = 0.2
+
 
 @dataclass(frozen=True)
 class SearchOptions(CheckedSettings):

@@ -8,7 +8,6 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray
@@ -16,13 +15,10 @@ from annik_core.robots.arm_kinematics import CompiledKinematics
 from annik_core.robots.robot import FULL_TURN, Robot
 from annik_core.safety import UNKNOWN, Candidate
 from annik_core.solver.result import RefinementOptions
-from annik_core.solver.search import FoundSolution, FoundSolutions, Search, SearchOptions
+from annik_core.solver.search import NEAR, FoundSolution, FoundSolutions, Search, SearchOptions
 
 #: Examples that starts are from; they are computed when a model is loaded, in 25 ms.
 EXAMPLES = 10_000
-#: Beyond this distance from the previous pose, in radians and half reaches, a target need not be
-#: reached by a straight motion of the end effector to continue its branch.
-_FAR = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +118,7 @@ class WholeRobot:
 
     def _turn_range(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and greatest number of full turns that may be added ``(..., dof)``."""
-        limits, turns = self.robot.joint_limits, _turns(self.robot)
+        limits, turns = self.robot.joint_limits, self.robot.rotary
         least = np.ceil((limits.lower - positions) / FULL_TURN)
         most = np.floor((limits.upper - positions) / FULL_TURN)
         least, most = np.where(turns, [least, most], 0.0)
@@ -155,12 +151,7 @@ class WholeRobot:
 
     def _is_far(self, previous: FloatArray, target: FloatArray) -> bool:
         position, orientation = self.robot.forward_kinematics.residuals(previous, target)
-        return position / _length(self.robot) + orientation > _FAR
-
-
-def _turns(robot: Robot) -> NDArray[np.bool_]:
-    """Which joints ``(dof,)`` turn."""
-    return np.array([kind != "prismatic" for kind in robot.joint_types])
+        return position / _length(self.robot) + orientation > NEAR
 
 
 def _length(robot: Robot) -> float:
@@ -187,7 +178,7 @@ def readable_search(robot: Robot, options: RefinementOptions, examples: int) -> 
     from annik_core.solver.plain_search import PlainSearch
 
     kinematics, limits = robot.forward_kinematics, robot.joint_limits
-    return PlainSearch(kinematics, limits, _turns(robot), _length(robot), options, examples)
+    return PlainSearch(kinematics, limits, robot.rotary, _length(robot), options, examples)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,10 @@ from annik_core.dataset import Dataset
 from annik_core.errors import InvalidValue
 from annik_core.pose import FloatArray
 from annik_core.robots.corrections import ArmCorrections
+from annik_core.robots.kinematic_errors import motion_poses
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_core.robots.screw_chain import ScrewChain
+from annik_core.robots.screw_chain import ScrewChain, motion_matrices
 from annik_core.settings import check_settings, setting
 from annik_training.calibration.errors import InvalidMeasurements, TooFewMeasurements
 from annik_training.calibration.estimation import LEAST_NOISE, Estimate, tuned
@@ -240,12 +241,8 @@ def _with_tool(robot: Robot, corrections: ArmCorrections, tool: FloatArray) -> A
     """Corrections whose end effector is a tool ``(4, 4)`` in the end effector frame."""
     end = ScrewChain.from_urdf(robot.definition["urdf"]).placements[-1]
     placements = corrections.placements.copy()
-    last = np.eye(4)
-    last[:3, :3] = Rotation.from_quat(placements[-1, 3:]).as_matrix()
-    last[:3, 3] = placements[-1, :3]
-    last = last @ end @ tool @ np.linalg.inv(end)
-    placements[-1, :3] = last[:3, 3]
-    placements[-1, 3:] = Rotation.from_matrix(last[:3, :3]).as_quat(canonical=True)
+    last = motion_matrices(placements[-1:]) @ end @ tool @ np.linalg.inv(end)
+    placements[-1] = motion_poses(last)[0]
     return replace(corrections, placements=placements)
 
 

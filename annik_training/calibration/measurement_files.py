@@ -435,7 +435,7 @@ def _rotations(table: _Table) -> FloatArray | None:
 def _check_angles(robot: Robot, table: _Table, joint_positions: FloatArray) -> None:
     """Refuse joint positions in another unit."""
     limits = robot.joint_limits
-    turns = np.array([kind != "prismatic" for kind in robot.joint_types])
+    turns = robot.rotary
     columns = [table.columns[joint] for joint in robot.joint_names]
     given = {column.unit for column, turning in zip(columns, turns, strict=True) if turning}
     turned = joint_positions[:, turns]
