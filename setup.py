@@ -1,6 +1,7 @@
 """Installs annik, by pip or by colcon."""
 
 import os
+import runpy
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -55,11 +56,13 @@ def kernel() -> Extension:
     except ImportError:
         include = []  # the headers of the system's package pybind11-dev are found without
     folder = Path("annik_core", "kernel")
+    sources_hash = runpy.run_path(str(ROOT / folder / "sources.py"))["sources_hash"]
     return Extension(
         "annik_core.kernel.compiled",
         [str(folder / "module.cpp")],
         depends=[str(path.relative_to(ROOT)) for path in sorted((ROOT / folder).glob("*.hpp"))],
         include_dirs=include,
+        define_macros=[("ANNIK_KERNEL_SOURCES", f'"{sources_hash(ROOT / folder)}"')],
         # Without contraction every processor rounds alike. CXXFLAGS come last, to have their way.
         extra_compile_args=[
             *("-std=c++17", "-O3", "-fvisibility=hidden", "-ffp-contract=off"),

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from annik_core.errors import AnnikError
 from annik_core.installation import annik_version, default_model_path, model_path, packaged_models
-from annik_core.kernel import NO_KERNEL, compiled_kernel
+from annik_core.kernel import NO_KERNEL, StaleKernel, compiled_kernel
 from annik_core.model.artifact import load_model
 
 #: Required by the nodes.
@@ -66,7 +66,13 @@ def check_libraries() -> Iterator[Finding]:
 
 def check_kernel() -> Iterator[Finding]:
     """The compiled kinematics of arms."""
-    if compiled_kernel() is not None:
+    try:
+        kernel = compiled_kernel()
+    except StaleKernel as error:
+        what = f"{error.path} was built from other sources than those beside it"
+        yield Finding(Verdict.BAD, what, error.remedy)
+        return
+    if kernel is not None:
         yield Finding(Verdict.GOOD, "the kernel is compiled")
     else:
         yield Finding(Verdict.NOTE, *NO_KERNEL)

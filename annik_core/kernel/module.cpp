@@ -638,9 +638,15 @@ class PySearch : public Object {
 
 }  // namespace annik
 
+#ifndef ANNIK_KERNEL_SOURCES  // setup.py gives it
+#define ANNIK_KERNEL_SOURCES ""
+#endif
+
 PYBIND11_MODULE(compiled, module) {
   using namespace annik;
   module.doc() = "Forward kinematics and refinement of serial chains, compiled.";
+  // SHA-256 of these sources: Python refuses a kernel that was built from others.
+  module.attr("sources") = ANNIK_KERNEL_SOURCES;
   py::class_<PyChain>(module, "Chain")
       .def(py::init<const Array&, const Array&, const py::object&, const Array&,
                     const std::vector<std::size_t>&, const Array&>())

@@ -9,6 +9,7 @@ import pytest
 from support.processes import run_python
 
 from annik_core.installation import default_model_path
+from annik_core.kernel import StaleKernel
 from annik_ros import doctor
 from annik_ros.doctor import Finding, Verdict
 
@@ -62,6 +63,18 @@ def test_a_missing_kernel_is_noted(
     (finding,) = doctor.check_kernel()
     assert finding.verdict is verdict
     assert ("g++" in finding.remedy) == (kernel is None)
+
+
+def test_a_kernel_of_other_sources_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the command that compiles it again."""
+
+    def stale() -> None:
+        raise StaleKernel(Path("compiled.so"), "0" * 64, "1" * 64)
+
+    monkeypatch.setattr(doctor, "compiled_kernel", stale)
+    (finding,) = doctor.check_kernel()
+    assert finding.verdict is Verdict.BAD
+    assert "./run setup" in finding.remedy
 
 
 def test_a_spoiled_model_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

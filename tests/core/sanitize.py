@@ -7,7 +7,6 @@ it watches, with a report, and this with exit code 1. The build is in build/sani
 from __future__ import annotations
 
 import argparse
-import hashlib
 import os
 import re
 import subprocess
@@ -18,6 +17,7 @@ from pathlib import Path
 from support.processes import ROOT
 from support.source_tree import copy_of_the_tree
 
+from annik_core.kernel.sources import sources_hash
 from benchmarks.conditions import Conditions
 from benchmarks.markdown import markdown_table
 
@@ -69,8 +69,7 @@ def run(tree: Path, environment: Mapping[str, str], *command: str) -> str:
 
 def page(tree: Path, tests: str, counts: str, seed: int) -> str:
     """The page of the results, with the checksum of the sources that they are of."""
-    sources = sorted((tree / "annik_core" / "kernel").glob("*.?pp"))
-    checksum = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    checksum = sources_hash(tree / "annik_core" / "kernel")
     rows = [tuple(line.split()) for line in counts.splitlines()]
     total = sum(int(returned) + int(refused) for _, returned, refused in rows)
     table = markdown_table(

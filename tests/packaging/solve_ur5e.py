@@ -13,6 +13,7 @@ from annik_core.robots.screw_chain import ScrewChain
 
 kernel = compiled_kernel()
 assert kernel is not None, "the kernel is not compiled"
+assert len(kernel.sources) == 64, "the kernel does not say what it was built from"
 solver = IkSolver.from_file("ur5e")
 robot = solver.robot
 assert isinstance(robot.forward_kinematics, CompiledKinematics)
