@@ -149,6 +149,13 @@ setup(
         ],
         # The page in the browser, and the interactive report.
         "view": ["plotly>=6.0", "viser>=1.0"],
+        # The documentation as a site, and its notebook.
+        "docs": [
+            "ipykernel>=6.29",
+            "mkdocs-material>=9.5",
+            "mkdocstrings-python>=1.10",
+            "nbclient>=0.10",
+        ],
         # colcon takes an extra of this name that has pytest for the order to run it.
         "test": ["hypothesis", "pytest"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.

@@ -25,7 +25,7 @@ pytestmark = [
     ),
 ]
 COMMANDS = ("demo", "learn", "test", "train", "paper", "study", "report", "annik", "ros", "bench")
-COMMANDS += ("docs", "soak", "sanitize", "lint", "format", "setup")
+COMMANDS += ("docs", "site", "soak", "sanitize", "lint", "format", "setup")
 
 
 def run(
