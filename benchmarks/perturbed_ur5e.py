@@ -14,6 +14,21 @@ FloatArray = NDArray[np.float64]
 _D = np.array([0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996])
 _A = np.array([0.0, -0.425, -0.3922, 0.0, 0.0, 0.0])
 _ALPHA = np.pi * np.array([0.5, 0.0, 0.0, 0.5, -0.5, 0.0])
+#: The maker's masses of the links [kg] and their centres, each in its link's frame [m].
+_MASSES = np.array([3.761, 8.058, 2.846, 1.37, 1.3, 0.365])
+_CENTRES = np.array(
+    [
+        [0.0, -0.02561, 0.00193],
+        [0.2125, 0.0, 0.11336],
+        [0.15, 0.0, 0.0265],
+        [0.0, -0.0018, 0.01634],
+        [0.0, 0.0018, 0.01634],
+        [0.0, 0.0, -0.001159],
+    ]
+)
+_GRAVITY = np.array([0.0, 0.0, -9.81])
+#: Largest turn of a joint that yields to gravity, as one with a harmonic drive does [rad/(N m)].
+COMPLIANCE = 5e-5
 #: From the base of these parameters to the URDF's base_link: half a turn about z.
 _BASE = np.diag([-1.0, -1.0, 1.0])
 
@@ -24,8 +39,8 @@ ORIENTATION_NOISE = float(np.radians(0.002))
 class PerturbedUr5e:
     """One robot of the kind: errors uniform, as docs/learn_your_robot.md lists them."""
 
-    def __init__(self, seed: int) -> None:
-        """Draw its errors."""
+    def __init__(self, seed: int, *, yields: bool = False) -> None:
+        """Draw its errors; with ``yields`` also joints that turn under the weight of the links."""
         rng = np.random.default_rng(seed)
 
         def errors(most: float) -> FloatArray:
@@ -36,21 +51,39 @@ class PerturbedUr5e:
         self._twists = errors(np.radians(0.3))
         self._amplitudes = errors(np.radians(0.2))
         self._phases = rng.uniform(0.0, 2.0 * np.pi, 6)
+        self._compliances = rng.uniform(0.0, COMPLIANCE, 6) if yields else np.zeros(6)
 
     def pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions ``(n, 3)`` [m] and rotations ``(n, 3, 3)`` at commanded ``(n, 6)`` [rad]."""
         turned = joint_positions + self._zeros
         turned = turned + self._amplitudes * np.sin(joint_positions + self._phases)
-        rotation = np.tile(_BASE, (len(turned), 1, 1))
-        position = np.zeros((len(turned), 3))
+        turned = turned + self._compliances * _moments(*self._frames(turned))
+        rotations, positions = self._frames(turned)
+        return positions[-1], rotations[-1]
+
+    def _frames(self, turned: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rotations ``(7, n, 3, 3)`` and positions ``(7, n, 3)`` of the base and of each link."""
+        rotations = [np.tile(_BASE, (len(turned), 1, 1))]
+        positions = [np.zeros((len(turned), 3))]
         for joint in range(6):
-            rotation = rotation @ _about(2, turned[:, joint])
+            rotation = rotations[-1] @ _about(2, turned[:, joint])
             along = np.array([self._lengths[joint] + _A[joint], 0.0, 0.0])
             along[2] = self._offsets[joint] + _D[joint]
-            position = position + rotation @ along
+            positions.append(positions[-1] + rotation @ along)
             twist = np.full(len(turned), _ALPHA[joint] + self._twists[joint])
-            rotation = rotation @ _about(0, twist)
-        return position, rotation
+            rotations.append(rotation @ _about(0, twist))
+        return np.array(rotations), np.array(positions)
+
+
+def _moments(rotations: FloatArray, positions: FloatArray) -> FloatArray:
+    """Moments ``(n, 6)`` of the links' weights about the joints' axes [N m]."""
+    centres = positions[1:] + np.einsum("lnij,lj->lni", rotations[1:], _CENTRES)
+    moments = np.zeros((positions.shape[1], 6))
+    for joint in range(6):
+        for link in range(joint, 6):
+            turning = np.cross(centres[link] - positions[joint], _MASSES[link] * _GRAVITY)
+            moments[:, joint] += (turning * rotations[joint, :, :, 2]).sum(axis=1)
+    return moments
 
 
 def measured(

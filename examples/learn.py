@@ -8,7 +8,6 @@ nominal model and with the calibrated one.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,37 +20,32 @@ from rich.console import Console
 
 from annik_core.files import write_files_atomically
 from annik_core.robots.library import load_robot
-from annik_core.robots.robot import Robot
-from annik_core.target_paths import CSV_COLUMNS
 from annik_training.cli.plots import png
+from examples.before_and_after import (
+    FIT_TIMEOUT,
+    MEASUREMENT_RATE,
+    POINTS,
+    ROBOT,
+    ROBOT_SEED,
+    STYLES,
+    drive_along,
+    write_targets,
+)
 from examples.demonstration import (
     END_TIMEOUT,
     START_TIMEOUT,
-    drive,
     emptied,
     out_option,
     processes,
     run_demonstration,
 )
+from examples.learn_sockets import ROWS, run_learn_sockets
 from msg_tools.report.tracking import TrackingReport
-from msg_tools.report.write import write_report
 
-ROBOT = "ur5e"
-#: Seed of the simulated robot's errors.
-ROBOT_SEED = 7
 EXAMPLES = 102
-POINTS = 201
-RATE = 50.0
-#: Amplitude of the path in half widths of the joint box. A larger one comes to a singularity,
-#: beyond which the real arm may not reach what the nominal arm does.
-_AMPLITUDE = 0.6
 #: Limits of the simulated robot, which has no mass [rad/s, rad/s^2].
 _VELOCITY, _ACCELERATION = 20.0, 500.0
-_MEASUREMENT_RATE = 200.0
 _COLLECT_TIMEOUT = 900.0
-_FIT_TIMEOUT = 900.0
-#: Colours and line styles of the plot, by Okabe and Ito.
-_STYLES = (("#E69F00", "-"), ("#0072B2", "--"))
 
 
 def run_learn(folder: Path, examples: int, console: Console) -> str:
@@ -88,7 +82,7 @@ def _learn(folder: Path, logs: Path, examples: int, console: Console) -> str:
         fake_robot = started.node(
             "fake_robot",
             "annik_ros.fake_robot.node",
-            measurement_rate=_MEASUREMENT_RATE,
+            measurement_rate=MEASUREMENT_RATE,
             **robot,
         )
         fake_robot.wait_for_text("fake robot ", START_TIMEOUT)
@@ -99,7 +93,7 @@ def _learn(folder: Path, logs: Path, examples: int, console: Console) -> str:
             dataset=measured,
             max_joint_velocity=_VELOCITY,
             max_joint_acceleration=_ACCELERATION,
-            command_rate=_MEASUREMENT_RATE,
+            command_rate=MEASUREMENT_RATE,
             settle_time=0.05,
             max_measured_step=2.0,
             measurement_timeout=10.0,
@@ -112,15 +106,21 @@ def _learn(folder: Path, logs: Path, examples: int, console: Console) -> str:
             "calibrate",
             *("calibrate", "--measured", str(measured), "--nominal", ROBOT),
             *("--out", str(model), "--summary", str(summary)),
-        ).wait(_FIT_TIMEOUT)
+        ).wait(FIT_TIMEOUT)
     fit: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
     console.print(f"calibrated {', '.join(fit['parts'])} in {fit['seconds']:.1f} s")
     targets = folder / "targets.csv"
-    _write_targets(load_robot(ROBOT), targets)
+    write_targets(load_robot(ROBOT), targets)
     reports = {
-        name: _drive(name, parameters, robot, targets, folder, logs, console)
+        name: drive_along(name, parameters, robot, targets, folder, logs, console)
         for name, parameters in (("nominal", ROBOT), ("learned", str(model)))
     }
+    for name, report in reports.items():
+        errors = [target.position_error_mm for target in report.targets]
+        console.print(
+            f"{name} model: {len(errors)} of {POINTS} targets, missed by {np.mean(errors):.4f} mm "
+            f"on average, {np.max(errors):.4f} mm at most"
+        )
     results = {name: report.to_dict() for name, report in reports.items()}
     text = json.dumps({"fit": fit, **results}, indent=2) + "\n"
     figure = folder / "before_and_after.png"
@@ -130,42 +130,6 @@ def _learn(folder: Path, logs: Path, examples: int, console: Console) -> str:
     return f"before and after: {figure}"
 
 
-def _write_targets(robot: Robot, path: Path) -> None:
-    """A closed path through the joint box, from its centre, each joint at its own frequency."""
-    box = robot.joint_box
-    turns = 2.0 * np.pi * np.linspace(0.0, 1.0, POINTS)[:, np.newaxis]
-    frequencies = 1 + np.arange(robot.dof) % 3
-    half = 0.5 * (box.upper - box.lower)
-    joint_positions = box.centre + _AMPLITUDE * half * np.sin(turns * frequencies)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(CSV_COLUMNS)
-        writer.writerows(robot.forward_kinematics.poses(joint_positions).tolist())
-
-
-def _drive(
-    name: str,
-    model: str,
-    robot: dict[str, object],
-    targets: Path,
-    folder: Path,
-    logs: Path,
-    console: Console,
-) -> TrackingReport:
-    """Drive the robot with a model, and report."""
-    out = folder / name
-    with console.status(f"driving with the {name} model"), processes(logs) as started:
-        path: dict[str, object] = {"path": "csv", "csv_file": targets}
-        drive(started, f"{name}_", out / "bag", POINTS, RATE, {"model": model}, robot, path)
-    report = write_report(out / "bag", out)
-    errors = [target.position_error_mm for target in report.targets]
-    console.print(
-        f"{name} model: {len(errors)} of {POINTS} targets, missed by {np.mean(errors):.4f} mm on "
-        f"average, {np.max(errors):.4f} mm at most"
-    )
-    return report
-
-
 def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
     """Errors of every target of two recordings, by name, as PNG with logarithmic axes.
 
@@ -173,7 +137,7 @@ def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
     """
     figure = Figure(figsize=(9.0, 5.4), dpi=120, layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for (name, report), (colour, line) in zip(reports.items(), _STYLES, strict=True):
+    for (name, report), (colour, line) in zip(reports.items(), STYLES, strict=True):
         numbers = [target.number for target in report.targets]
         for axes, unit, errors in (
             (upper, "mm", [target.position_error_mm for target in report.targets]),
@@ -196,13 +160,17 @@ def comparison_plot(reports: Mapping[str, TrackingReport]) -> bytes:
 @click.option(
     "--examples",
     type=click.IntRange(1),
-    default=EXAMPLES,
-    show_default=True,
-    help="Number of poses to measure.",
+    help=f"Number of poses to measure (default {EXAMPLES}), or of rows in each socket ({ROWS}).",
 )
-def main(out: Path, examples: int) -> None:
+@click.option(
+    "--sockets",
+    is_flag=True,
+    help="Without an instrument: a ball at the hand, guided into printed sockets.",
+)
+def main(out: Path, examples: int | None, sockets: bool) -> None:
     """Measure, calibrate and drive a simulated robot; before and after."""
-    run_demonstration("learn", lambda console: run_learn(out, examples, console))
+    run, usual = (run_learn_sockets, ROWS) if sockets else (run_learn, EXAMPLES)
+    run_demonstration("learn", lambda console: run(out, examples or usual, console))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """A design for calibrating an arm: joint positions at which its kinematic errors show best.
 
 D-optimal, greedily: of many random joint positions, the next is always the one that adds most to
-the determinant of the information on the model's parameters [Mitchell1974]_, geometric errors and
-joint networks alike, each counted in natural units.
+the determinant of the information on the parameters of the largest model that a calibration may
+choose [Mitchell1974]_, each counted in natural units.
 
 References:
     [Mitchell1974] T. J. Mitchell: An algorithm for the construction of "D-optimal" experimental
@@ -13,7 +13,8 @@ import numpy as np
 
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
-from annik_training.calibration.model import ParametricModel, Part
+from annik_training.calibration.calibrate import CANDIDATES
+from annik_training.calibration.model import ParametricModel
 from annik_training.calibration.observations import Noise
 
 #: Joint positions to choose from.
@@ -30,10 +31,9 @@ def identifiability_design(robot: Robot, examples: int, rng: np.random.Generator
     Raises:
         UnsupportedRobot: if the arm is calibrated already.
     """
-    model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}))
+    model = ParametricModel(robot, max(CANDIDATES, key=len))
     candidates = robot.joint_box.sample(_CANDIDATES, rng)
-    # Drawn parameters: at zero output weights, the inner weights of a network have no derivative.
-    columns = model.evaluate(rng.normal(size=model.size), candidates).columns
+    columns = model.evaluate(np.zeros(model.size), candidates).columns
     rows = np.concatenate(
         [columns[:, :3] / _NOISE.position, columns[:, 3:] / _NOISE.orientation], axis=1
     )
