@@ -248,6 +248,10 @@ class Measurement(NamedTuple):
     fault: str | None = None
 
 
+#: Of this nothing is known, and nothing refuses.
+NOT_MEASURED = Measurement()
+
+
 class Motion(NamedTuple):
     """The motion of a running robot that a command continues.
 
@@ -258,7 +262,7 @@ class Motion(NamedTuple):
 
     safety: CommandSafety
     interval: float | None
-    measured: Measurement = Measurement()
+    measured: Measurement = NOT_MEASURED
 
 
 class CommandContext(NamedTuple):

@@ -19,8 +19,10 @@ class WithoutNetwork:
     """In place of a model, for an arm that none was trained for: the search finds its starts."""
 
     robot: Robot
-    after_products: Any = None
     start_network: Any = None
+
+    def after_encoding(self, name: str) -> None:
+        """None: there is no network to run."""
 
     def joint_positions_at(self, pose: FloatArray) -> FloatArray:
         """No joint positions: NaN ``(dof,)``."""

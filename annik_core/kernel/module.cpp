@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "gantry.hpp"
 #include "network.hpp"
 #include "search.hpp"
 
@@ -449,6 +450,37 @@ class PyRefinement : public Object {
   Refinement refinement_;
 };
 
+// A pose as an array of its own, its quaternion normalised; nothing if it may not be one.
+std::optional<Array> certain_pose(const py::object& pose, double norm_tolerance) {
+  constexpr double ROUNDING = 4 * std::numeric_limits<double>::epsilon();
+  const Array given = Array::ensure(pose);
+  if (!given || given.ndim() != 1 || given.shape(0) != 7) return {};
+  Array target(7);
+  double* p = target.mutable_data();
+  std::copy_n(given.data(), 7, p);
+  const double length = std::sqrt(p[3] * p[3] + p[4] * p[4] + p[5] * p[5] + p[6] * p[6]);
+  const double deviation = std::abs(length - 1.0);
+  // Not '>=', so that NaN is none.
+  if (!(deviation < norm_tolerance)) return {};
+  if (deviation > ROUNDING)
+    for (int part = 3; part < 7; ++part) p[part] /= length;
+  return target;
+}
+
+Array read_only(const double* numbers, py::ssize_t count) {
+  Array array(count);
+  std::copy_n(numbers, count, array.mutable_data());
+  py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return array;
+}
+
+template <typename Number>
+Number* aligned(Number* memory) {
+  if (reinterpret_cast<std::uintptr_t>(memory) % alignof(double))
+    throw std::invalid_argument("memory must be aligned");
+  return memory;
+}
+
 // One target at a time, through memory that is bound to a network. It decides only what is certain:
 // every doubtful target is left to Python, which says why it is refused.
 class PyBoundSolve : public Object {
@@ -473,36 +505,26 @@ class PyBoundSolve : public Object {
     std::copy_n(centre.data(), 3, centre_.begin());
     lower_ = joints_from(lower.data(), dof_);
     upper_ = joints_from(upper.data(), dof_);
-    features_ = input_.mutable_data();
-    found_ = output_.data();
-    for (const void* memory : {static_cast<const void*>(features_), static_cast<const void*>(found_)})
-      if (reinterpret_cast<std::uintptr_t>(memory) % alignof(double))
-        throw std::invalid_argument("memory must be aligned");
+    features_ = aligned(input_.mutable_data());
+    found_ = aligned(output_.data());
   }
 
   // The checked pose, its features written to the network's input; None if it may be refused.
   py::object prepare(const py::object& pose) {
     constructed(dof_);
-    const Array given = Array::ensure(pose);
-    if (!given || given.ndim() != 1 || given.shape(0) != 7) return py::none();
-    Array target(7);
-    double* p = target.mutable_data();
-    std::copy_n(given.data(), 7, p);
-    const Vector3 position{p[0], p[1], p[2]};
-    const double length = std::sqrt(p[3] * p[3] + p[4] * p[4] + p[5] * p[5] + p[6] * p[6]);
-    const double deviation = std::abs(length - 1.0);
+    std::optional<Array> target = certain_pose(pose, norm_tolerance_);
+    if (!target) return py::none();
+    const double* p = target->data();
     // Not '>', so that NaN is left to Python too.
-    if (!(norm(position - centre_) <= reach_) || !(deviation < norm_tolerance_)) return py::none();
-    if (deviation > ROUNDING)
-      for (int part = 3; part < 7; ++part) p[part] /= length;
+    if (!(norm(Vector3{p[0], p[1], p[2]} - centre_) <= reach_)) return py::none();
     const double x = p[3], y = p[4], z = p[5], w = p[6];
     const double features[] = {p[0], p[1], p[2], x * x, y * y, z * z, w * w,
                                x * y, x * z, x * w, y * z, y * w, z * w};
     std::copy_n(features, 13, features_);
-    return std::move(target);
+    return std::move(*target);
   }
 
-  // :meth:`prepare`, a network of the kernel, and :meth:`finish`: target and what that gives.
+  // :meth:`prepare`, a network of the kernel, and :meth:`finish`: target, reference (none) and what that gives.
   py::object solve(const PyNetwork& network, const py::object& pose) {
     py::object target = prepare(pose);
     if (target.is_none()) return target;
@@ -511,7 +533,7 @@ class PyBoundSolve : public Object {
     network.network().run(features_, output_.mutable_data());
     py::object found = finish(py::reinterpret_borrow<Array>(target));
     if (found.is_none()) return found;
-    return py::make_tuple(std::move(target), std::move(found));
+    return py::make_tuple(std::move(target), py::tuple(), std::move(found));
   }
 
   // Joint positions, residuals and steps for the network's output, or None if a check may refuse.
@@ -528,16 +550,11 @@ class PyBoundSolve : public Object {
       good = good && lower_[joint] <= found.joint_positions[joint] &&
              found.joint_positions[joint] <= upper_[joint];
     if (!good) return py::none();
-    Array positions(dof_);
-    std::copy_n(found.joint_positions.begin(), dof_, positions.mutable_data());
-    py::detail::array_proxy(positions.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
-    return py::make_tuple(std::move(positions), found.position_residual,
+    return py::make_tuple(read_only(found.joint_positions.data(), dof_), found.position_residual,
                           found.orientation_residual, found.newton_steps);
   }
 
  private:
-  static constexpr double ROUNDING = 4 * std::numeric_limits<double>::epsilon();
-
   const Refinement refinement_;
   py::ssize_t dof_;
   Memory input_, output_;  // keeps the memory
@@ -548,6 +565,66 @@ class PyBoundSolve : public Object {
   std::array<double, 2> most_;
   double norm_tolerance_;
   Joints lower_, upper_;
+};
+
+// The same for the gantry, whose network's output is the answer.
+class PyBoundGantry : public Object {
+ public:
+  // ``input``, ``output``: the network's task coordinates (6,) and drive angles (6,). ``ratio``,
+  // ``offset``: of the transmissions. ``inside``: bounds (2, 6) of task coordinates that are in the
+  // workspace for certain; ``limits``: bounds (2, 6) of drive angles.
+  PyBoundGantry(const Memory& input, const Memory& output, const Array& ratio, const Array& offset,
+                const Array& inside, const Array& limits, double max_position_residual,
+                double max_orientation_residual, double norm_tolerance)
+      : input_(input),
+        output_(output),
+        most_{max_position_residual, max_orientation_residual},
+        norm_tolerance_(norm_tolerance) {
+    for (const py::array* array : {static_cast<const py::array*>(&input),
+                                   static_cast<const py::array*>(&output),
+                                   static_cast<const py::array*>(&ratio),
+                                   static_cast<const py::array*>(&offset)})
+      check_shape(*array, {6}, "each of input, output, ratio and offset");
+    check_shape(inside, {2, 6}, "inside");
+    check_shape(limits, {2, 6}, "limits");
+    gantry_ = {six_from(ratio.data()), six_from(offset.data())};
+    inside_ = {six_from(inside.data()), six_from(inside.data() + 6)};
+    limits_ = {six_from(limits.data()), six_from(limits.data() + 6)};
+    task_ = aligned(input_.mutable_data());
+    found_ = aligned(output_.data());
+  }
+
+  // The checked pose and its roll, pitch and yaw, its task coordinates written to the network's
+  // input; None if it may be refused.
+  py::object prepare(const py::object& pose) {
+    constructed(task_ != nullptr);
+    std::optional<Array> target = certain_pose(pose, norm_tolerance_);
+    if (!target) return py::none();
+    const Six task = Gantry::task_coordinates(target->data());
+    if (!(std::abs(task[4]) < Gantry::ACCURATE_PITCH) || !inside_.contain(task)) return py::none();
+    std::copy(task.begin(), task.end(), task_);
+    return py::make_tuple(std::move(*target), py::make_tuple(task[3], task[4], task[5]));
+  }
+
+  // Drive angles, residuals and no steps for the network's output; None if a check may refuse.
+  py::object finish(const Array& target) const {
+    constructed(task_ != nullptr);
+    check_shape(target, {7}, "target");
+    const Six angles = six_from(found_);
+    const auto [distance, angle] = gantry_.residuals(angles, target.data());
+    if (!limits_.contain(angles) || !(distance <= most_[0]) || !(angle <= most_[1]))
+      return py::none();
+    return py::make_tuple(read_only(angles.data(), 6), distance, angle, 0);
+  }
+
+ private:
+  Memory input_, output_;  // keeps the memory
+  double* task_ = nullptr;
+  const double* found_ = nullptr;
+  Gantry gantry_;
+  Bounds inside_, limits_;
+  std::array<double, 2> most_;
+  double norm_tolerance_;
 };
 
 class PySearch : public Object {
@@ -672,6 +749,13 @@ PYBIND11_MODULE(compiled, module) {
       .def("prepare", &PyBoundSolve::prepare)
       .def("solve", &PyBoundSolve::solve)
       .def("finish", &PyBoundSolve::finish);
+  py::class_<PyBoundGantry>(module, "BoundGantry")
+      .def(py::init<const Memory&, const Memory&, const Array&, const Array&, const Array&,
+                    const Array&, double, double, double>(),
+           py::arg().noconvert(), py::arg().noconvert(), py::arg(), py::arg(), py::arg(),
+           py::arg(), py::arg(), py::arg(), py::arg())
+      .def("prepare", &PyBoundGantry::prepare)
+      .def("finish", &PyBoundGantry::finish);
   py::class_<PySearch>(module, "Search")
       .def(py::init<const PyRefinement&, std::size_t, double>())
       .def("first", &PySearch::first)

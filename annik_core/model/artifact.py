@@ -39,7 +39,6 @@ from annik_core.model.session import (
     PlainEncoding,
     first_line,
     make_session,
-    position_and_products,
 )
 from annik_core.pose import FloatArray
 from annik_core.robots.errors import InvalidRobotDefinition
@@ -110,11 +109,9 @@ class Model:
         except Exception as error:
             raise self._failed(first_line(error)) from error
 
-    @property
-    def after_products(self) -> BoundSession | None:
-        """:attr:`after_features` if these are :func:`position_and_products`, otherwise None."""
-        plain = self.encoding is not None and self.encoding.features is position_and_products
-        return self.after_features if plain else None
+    def after_encoding(self, name: str) -> BoundSession | None:
+        """:attr:`after_features` if the encoding is the one of that name, otherwise None."""
+        return self.after_features if self.metadata.encoding == name else None
 
     def run(self, bound: BoundSession) -> None:
         """Run one of its bound sessions on what is in the input.

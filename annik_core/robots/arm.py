@@ -68,7 +68,7 @@ class ArmWorkspace:
         coordinates: list[float] = self.centre.tolist()
         return coordinates
 
-    def reference(self, joint_positions: FloatArray) -> FloatArray:
+    def reference(self, joint_positions: FloatArray) -> Numbers:
         """Empty: an arm's solution needs no reference."""
         return NO_REFERENCE
 

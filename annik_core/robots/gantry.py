@@ -168,9 +168,14 @@ class GantryWorkspace:
         return self.lower.tolist(), self.upper.tolist()
 
     @cached_property
-    def _least_tolerated(self) -> tuple[list[float], list[float]]:
-        """Bounds between which a task coordinate is in the workspace at any pitch."""
-        return (self.lower - EDGE_TOLERANCE).tolist(), (self.upper + EDGE_TOLERANCE).tolist()
+    def certainly_inside(self) -> FloatArray:
+        """Bounds ``(2, 6)`` between which task coordinates are in the workspace at any pitch."""
+        return np.array([self.lower - EDGE_TOLERANCE, self.upper + EDGE_TOLERANCE])
+
+    @cached_property
+    def _least_tolerated(self) -> list[list[float]]:
+        least_tolerated: list[list[float]] = self.certainly_inside.tolist()
+        return least_tolerated
 
 
 def _tilted_off_the_edge(

@@ -106,7 +106,7 @@ def unwrapped(
 
 
 #: The reference of a robot whose poses leave no choice.
-NO_REFERENCE: FloatArray = np.zeros(0)
+NO_REFERENCE: tuple[float, ...] = ()
 
 
 class ResolvedTarget(NamedTuple):
@@ -143,7 +143,7 @@ class Workspace(Protocol):
         """
         ...
 
-    def reference(self, joint_positions: FloatArray) -> FloatArray:
+    def reference(self, joint_positions: FloatArray) -> Numbers:
         """The reference that selects these joint positions ``(dof,)``."""
         ...
 

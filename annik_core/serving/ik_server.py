@@ -11,6 +11,7 @@ import numpy as np
 from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray, Numbers
 from annik_core.safety import (
+    NOT_MEASURED,
     CommandSafety,
     IkStatus,
     Measurement,
@@ -192,7 +193,7 @@ class IkServer:
         if refusal is not None:
             return IkResult.refused(refusal)
         try:
-            measured = Measurement() if later else self._measured(first=previous is None)
+            measured = NOT_MEASURED if later else self._measured(first=previous is None)
             if previous is None:
                 motion = Motion(self.safety, None, measured)
                 return self.solver.solve(pose, measured.joint_positions, motion)
@@ -205,4 +206,4 @@ class IkServer:
     def _measured(self, first: bool) -> Measurement:
         """Where the robot is, if a check or the first solution depends on it."""
         needed = first or not math.isinf(self.safety.max_measured_step)
-        return self._measure() if needed else Measurement()
+        return self._measure() if needed else NOT_MEASURED

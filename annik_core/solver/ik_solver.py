@@ -18,6 +18,7 @@ from annik_core.kernel import compiled_kernel
 from annik_core.pose import CERTAIN_NORM, FloatArray, Numbers, checked_pose, normalise_rows
 from annik_core.robots.arm import ArmWorkspace
 from annik_core.robots.arm_kinematics import CompiledKinematics
+from annik_core.robots.gantry import GantryWorkspace
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import NO_REFERENCE, ResolvedTarget, Robot, check_joint_count
 from annik_core.safety import (
@@ -316,25 +317,28 @@ class IkSolver:
 
     @cached_property
     def _solved_in_kernel(self) -> Callable[[ArrayLike], Any] | None:
-        """Target and solution of one pose in the kernel; None if this solver's targets can't be.
+        """Target, reference and solution of one pose in the kernel; None if it can't be had there.
 
         What the kernel is not certain of gives None too.
         """
-        robot, limits, network = self.robot, self.limits, self.artifact.after_products
+        if self.whole_robot is not None or self.limits.limits_expected_errors:
+            return None
+        if isinstance(self.robot.workspace, GantryWorkspace):
+            return self._gantry_in_kernel(self.robot.workspace)
+        if isinstance(self.robot.workspace, ArmWorkspace):
+            return self._arm_in_kernel(self.robot.workspace)
+        return None
+
+    def _arm_in_kernel(self, workspace: ArmWorkspace) -> Callable[[ArrayLike], Any] | None:
+        robot, limits = self.robot, self.limits
+        network = self.artifact.after_encoding("position_rotation_matrix")
         if not self.refines or not isinstance(self._refinement, CompiledRefinement):
             return None
-        if network is None or not isinstance(robot.workspace, ArmWorkspace):
-            return None
-        if (
-            self.whole_robot is not None
-            or robot.turning
-            or self.seed_from_previous
-            or limits.limits_expected_errors
-        ):
+        if network is None or robot.turning or self.seed_from_previous:
             return None
         bound = compiled_kernel().BoundSolve(
             *(self._refinement.compiled, network.input_row, network.output_row),
-            *(robot.workspace.centre, robot.workspace.certain_reach),
+            *(workspace.centre, workspace.certain_reach),
             *(robot.joint_limits.lower, robot.joint_limits.upper),
             *(limits.max_position_residual, limits.max_orientation_residual),
             CERTAIN_NORM,
@@ -348,7 +352,30 @@ class IkSolver:
                 return None
             self.artifact.run(network)
             found = bound.finish(target)
-            return None if found is None else (target, found)
+            return None if found is None else (target, NO_REFERENCE, found)
+
+        return solve
+
+    def _gantry_in_kernel(self, workspace: GantryWorkspace) -> Callable[[ArrayLike], Any] | None:
+        robot, limits, kernel = self.robot, self.limits, compiled_kernel()
+        network = self.artifact.after_encoding("position_roll_pitch_yaw")
+        if network is None or self.refines or robot.turning or kernel is None:
+            return None
+        bound = kernel.BoundGantry(
+            *(network.input_row, network.output_row),
+            *(workspace.kinematics.ratio, workspace.kinematics.offset, workspace.certainly_inside),
+            np.array([robot.joint_limits.lower, robot.joint_limits.upper]),
+            *(limits.max_position_residual, limits.max_orientation_residual),
+            CERTAIN_NORM,
+        )
+
+        def solve(pose: ArrayLike) -> Any:
+            prepared = bound.prepare(pose)
+            if prepared is None:
+                return None
+            self.artifact.run(network)
+            found = bound.finish(prepared[0])
+            return None if found is None else (*prepared, found)
 
         return solve
 
@@ -361,7 +388,7 @@ class IkSolver:
         solved = None if solve is None else solve(pose)
         if solved is None:
             return None
-        target, (positions, distance, angle, steps) = solved
+        target, reference, (positions, distance, angle, steps) = solved
         if context is not self._alone:
             candidate = Candidate(self.robot, target, positions, (distance, angle), steps)
             for check in MOTION_CHECKS:
@@ -370,7 +397,7 @@ class IkSolver:
                     return IkResult.refused(refusal, (distance, angle), steps)
         bound = self.robot.error_bound
         expected = UNKNOWN if bound is None else bound.at(positions)
-        one = (IkStatus.SUCCESS, positions, distance, angle, steps, "", target, NO_REFERENCE)
+        one = (IkStatus.SUCCESS, positions, distance, angle, steps, "", target, reference)
         return IkResult(*one, *expected)
 
     def _network(self, poses: FloatArray, threads: int) -> FloatArray:

@@ -396,6 +396,27 @@ class TestBadInput:
         memory[1][:] = np.nan
         assert bound.finish(self.target) is None
 
+    def test_memory_that_is_not_the_gantrys_network(self) -> None:
+        six, bounds = np.ones(6), np.array([-np.ones(6), np.ones(6)])
+        rest = (1.0, 1.0, 1e-3)
+        good = [np.zeros(6), np.zeros(6), six, six, bounds, bounds]
+        for place, wrong in (
+            (0, np.zeros(5)),
+            (1, np.zeros(6, np.float32)),
+            (0, np.zeros(12)[::2]),
+            (1, np.zeros(6 * 8 + 1, np.uint8)[1:].view("f8")),
+            (2, np.ones(5)),
+            (4, np.ones(12)),
+            (5, np.ones((2, 5))),
+        ):
+            with pytest.raises((TypeError, ValueError)):
+                compiled_kernel().BoundGantry(*good[:place], wrong, *good[place + 1 :], *rest)
+        bound = compiled_kernel().BoundGantry(*good, *rest)
+        for no_pose in (None, "pose", [0.0] * 6, [np.nan] * 7, [0.0] * 7):
+            assert bound.prepare(no_pose) is None
+        with pytest.raises(TypeError):
+            compiled_kernel().BoundGantry.__new__(compiled_kernel().BoundGantry).prepare(good[0])
+
     def test_threads_share_it(self) -> None:
         refinement, rng = self.refinement(), np.random.default_rng(6)
         starts = self.robot.joint_box.sample(200, rng)

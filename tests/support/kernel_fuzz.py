@@ -232,6 +232,13 @@ CONSTRUCTORS: Mapping[str, Callable[[Draw, int, Callable[[str], Any]], tuple[Any
         draw.number(1e-3, 1.0, np.inf),
         draw.number(1e-3, 0.1),
     ),
+    "BoundGantry": lambda draw, dof, alive: (
+        *(draw.array(6) for _ in range(4)),
+        *(draw.array(2, 6) for _ in range(2)),
+        draw.number(1e-3, 1.0, np.inf),
+        draw.number(1e-3, 1.0, np.inf),
+        draw.number(1e-3, 0.1),
+    ),
     "Search": lambda draw, _, alive: (
         alive("Refinement"),
         draw.number(0, 1, 20, 100),
@@ -262,6 +269,10 @@ METHODS: Mapping[str, Mapping[str, Callable[[Draw, int], tuple[Any, ...]]]] = {
         "prepare": lambda draw, _: (draw.pose(),),
         "finish": lambda draw, _: (draw.pose(),),
         "solve": lambda draw, dof: (draw.network_of(dof), draw.pose()),
+    },
+    "BoundGantry": {
+        "prepare": lambda draw, _: (draw.pose(),),
+        "finish": lambda draw, _: (draw.pose(),),
     },
     "Search": {
         "first": lambda draw, dof: (draw.pose(), draw.starts(dof), draw.one_of((0, 1, 40, -1))),
@@ -323,7 +334,7 @@ class Fuzz:
                 known[-1][1] if known and self.draw.chance(0.95) else self.draw.one_of(NO_ARRAYS)
             )
 
-        if self.draw.chance(0.02):
+        if self.draw.chance(0.05):
             new = made.__new__(made)  # its constructor is not called
         else:
             new = self._counted(f"{name}", made, CONSTRUCTORS[name](self.draw, dof, alive))

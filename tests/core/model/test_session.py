@@ -64,7 +64,12 @@ def test_of_an_arm_too() -> None:
 def test_both_encodings_are_computed_in_plain_floats() -> None:
     for model in (MODEL, ARM):
         assert model.after_features is not None
-    assert (MODEL.after_products, ARM.after_products) == (None, ARM.after_features)
+    for model, encoding in (
+        (MODEL, "position_roll_pitch_yaw"),
+        (ARM, "position_rotation_matrix"),
+    ):
+        assert model.after_encoding(encoding) is model.after_features
+        assert model.after_encoding("another") is None
 
 
 @pytest.mark.skipif(compiled_kernel() is None, reason="the kernel is not there")

@@ -392,7 +392,7 @@ class TestWorkspace:
 
     def test_remembers_nothing(self, arm: Robot) -> None:
         """An arm's solution depends on the pose alone."""
-        assert arm.workspace.reference(arm.joint_box.centre).size == 0
+        assert len(arm.workspace.reference(arm.joint_box.centre)) == 0
 
 
 def test_a_nearer_end_effector_keeps_the_box_of_the_joints_that_are_left() -> None:

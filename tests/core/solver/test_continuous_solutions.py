@@ -92,7 +92,7 @@ def test_a_network_alone_is_unwrapped_too(solver: IkSolver) -> None:
 
     class Network:
         robot = solver.robot
-        after_products = None
+        after_encoding = staticmethod(lambda name: None)
         joint_positions_at = staticmethod(lambda pose: exact + answer)
 
     alone = replace(solver, artifact=Network(), mode=SolverMode.NETWORK)

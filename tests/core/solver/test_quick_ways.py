@@ -37,7 +37,7 @@ ARMS = ("iiwa14", "panda", "puma560", "scara", "ur5e", "xarm6")
 class OneByOne(IkSolver):
     """Without the kernel's way to solve one target."""
 
-    _steps = None
+    _solved_in_kernel = None  # type: ignore[assignment]
 
 
 @pytest.fixture(scope="module", params=[*ARMS, "learned", "gantry"])
