@@ -150,14 +150,24 @@ class Oracle:
         """The largest step of a joint that a pose ``(7,)`` needs [rad or m].
 
         By the pseudo-inverse of the Jacobian, at the joint positions ``(dof,)`` before the step or
-        at those after it, where it is larger. A joint that stands at a limit can't help.
+        at those after it, where it is larger. A joint that this would take beyond a limit goes as
+        far as the limit, and the others do the rest.
         """
         twist = self._linearised(before[np.newaxis], pose[np.newaxis])[0][0]
         _, jacobians = self._linearised(np.array([before, after]), pose[np.newaxis])
-        standing = (after <= self.lower + _EDGE) | (after >= self.upper - _EDGE)
-        held = jacobians * ~standing
-        inverses = np.linalg.pinv(np.concatenate([jacobians, held]), rcond=_ROUNDING)
-        return float(np.abs(inverses @ twist).max())
+        return max(self._largest_motion(before, jacobian, twist) for jacobian in jacobians)
+
+    def _largest_motion(self, start: FloatArray, jacobian: FloatArray, twist: FloatArray) -> float:
+        moving, motion, largest = np.ones(len(start), dtype=bool), np.zeros_like(start), 0.0
+        while moving.any():
+            left = twist - jacobian[:, ~moving] @ motion[~moving]
+            motion[moving] = np.linalg.pinv(jacobian[:, moving], rcond=_ROUNDING) @ left
+            largest = max(largest, float(np.abs(motion).max()))
+            within = np.clip(motion, self.lower - start, self.upper - start)
+            if not (beyond := moving & (within != motion)).any():
+                break
+            motion[beyond], moving = within[beyond], moving & ~beyond
+        return largest
 
     def continues(self, before: FloatArray, pose: FloatArray) -> bool:
         """Whether small steps lead from joint positions ``(dof,)`` to a pose within the limits."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from annik_core.robots.library import load_robot
+from benchmarks.ik.peers.serial_chain import SerialChain
 from benchmarks.robots.command import page, robots
 from benchmarks.robots.folder import ArmFile, NoRobots, arms_of, longest_chain
 from benchmarks.robots.oracle import Oracle
@@ -79,6 +81,18 @@ def test_a_short_step_needs_what_it_takes(oracle: Oracle) -> None:
     pose = oracle.poses(after[np.newaxis])[0]
     assert oracle.needed(before, after, pose) == pytest.approx(1e-3, rel=0.02)
     assert oracle.continues(before, pose)
+
+
+def test_at_a_limit_the_other_joints_must_do_the_rest(oracle: Oracle) -> None:
+    """Of two joints about one axis: where one stands, the other moves twice as far."""
+    joint, fixed = oracle.chain.joints[0], replace(oracle.chain.joints[0], placement=np.eye(4))
+    pair = SerialChain((joint, fixed), oracle.chain.tip)
+    free = Oracle(pair, np.full(2, -1.0), np.full(2, 1.0))
+    before = np.array([0.0, 0.999])
+    pose = free.poses(before[np.newaxis] + [0.1, 0.0])[0]
+    wide = replace(free, upper=np.full(2, 2.0))
+    assert wide.needed(before, before + 0.05, pose) == pytest.approx(0.05, rel=0.02)
+    assert free.needed(before, before + [0.1, 0.0], pose) == pytest.approx(0.099, rel=0.02)
 
 
 def test_the_command_measures_a_folder(ur5e: ArmFile, tmp_path: Path) -> None:
