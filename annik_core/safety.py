@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.errors import InvalidValue
-from annik_core.pose import POSE_FIELDS, FloatArray, Numbers
+from annik_core.pose import POSE_FIELDS, FloatArray, Numbers, rotation_matrix
 from annik_core.robots.robot import Robot
+from annik_core.robots.task import Task
 from annik_core.settings import CheckedSettings, check_settings, setting, upper_limit
 
 
@@ -205,6 +206,7 @@ class Candidate:
         converged: False if the refinement ended short of the target.
         not_found: why there is no solution, in place of what is left after the refinement.
         branch_end: why the solution is not on the branch of the previous command; empty if it is.
+        task: what of the target must be reached.
     """
 
     robot: Robot
@@ -215,6 +217,7 @@ class Candidate:
     converged: bool = True
     not_found: str = ""
     branch_end: str = ""
+    task: Task = Task.POSE
     _expected_errors: tuple[float, float] | None = field(default=None, init=False)
 
     def residuals(self) -> tuple[float, float]:
@@ -224,6 +227,17 @@ class Candidate:
                 self.joint_positions, self.target
             )
         return self.known_residuals
+
+    def angle_to_task(self) -> float:
+        """Angle [rad] to what of the target's orientation must be reached; 0 if nothing of it."""
+        if self.task is Task.POSE:
+            return self.residuals()[1]
+        if self.task is Task.POSITION:
+            return 0.0
+        achieved = self.robot.forward_kinematics.poses(self.joint_positions[np.newaxis])[0]
+        axes = rotation_matrix(achieved[3:])
+        x, y, z = (axes.T @ rotation_matrix(self.target[3:])[:, 2]).tolist()
+        return math.atan2(math.hypot(x, y), z)
 
     def expected_errors(self) -> tuple[float, float]:
         """How far the real robot may be from the model [m], [rad]; NaN if unknown."""
@@ -356,8 +370,11 @@ def check_joint_limits(candidate: Candidate, context: CommandContext) -> Refusal
 
 
 def check_residuals(candidate: Candidate, context: CommandContext) -> Refusal | None:
-    """The forward kinematics must lead to the target, for which NaN is too large a residual."""
-    position, orientation = candidate.residuals()
+    """The forward kinematics must lead to the target, as far as it must be reached.
+
+    NaN is too large a residual.
+    """
+    position, orientation = candidate.residuals()[0], candidate.angle_to_task()
     limits = context.limits
     if not position <= limits.max_position_residual:
         reason = (

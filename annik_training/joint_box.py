@@ -7,6 +7,7 @@ import numpy as np
 from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import FULL_TURN, Robot
+from annik_core.robots.task import Task
 from annik_core.solver.ik_solver import SolverMode
 
 _SAMPLES = 500
@@ -79,8 +80,13 @@ def findings(robot: Robot) -> list[str]:
             f"{dimensions}, with infinitely many solutions. Lock {len(moves.locks)} of "
             f"{', '.join(moves.redundant)}, such as {locks}"
         )
-    elif moves.dimensions < 6:
+    elif moves.dimensions < 6 and not whole:
         found.append(f"{dimensions} only, others are refused")
+    if whole and (task := Task.AUTO.of(robot)) is not Task.POSE:
+        found.append(
+            f"{dimensions} only; task: {task.value}. Where a pose can't be reached, its position "
+            "is, with the orientation as near as possible"
+        )
     if whole:
         return [
             *found,

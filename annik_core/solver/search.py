@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from annik_core.pose import FloatArray
+from annik_core.robots.task import Task
 from annik_core.settings import CheckedSettings, setting
 
 #: A target within this distance of the previous pose, in radians and half reaches, continues its
@@ -43,6 +44,13 @@ class SearchOptions(CheckedSettings):
         "Of an arm with more than six joints, how far apart the solutions are that are listed.",
         unit="rad or m",
         within=(1e-3, math.inf),
+    )
+    task: Task = setting(
+        Task.AUTO,
+        "What of a target must be reached; its orientation is as near as possible besides. pose: "
+        "all of it; position_and_axis: position, and z axis of the end effector; position: the "
+        "position; auto: the pose, or, of an arm whose end effector moves in fewer than six "
+        "independent directions, the position.",
     )
     allow_branch_change: bool = setting(
         False,

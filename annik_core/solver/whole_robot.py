@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,12 +13,20 @@ from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray
 from annik_core.robots.arm_kinematics import CompiledKinematics
 from annik_core.robots.robot import FULL_TURN, Robot
+from annik_core.robots.task import Task
 from annik_core.safety import UNKNOWN, Candidate
 from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import NEAR, FoundSolution, FoundSolutions, Search, SearchOptions
 
+if TYPE_CHECKING:
+    from annik_core.solver.nearest_orientation import NearestOrientation
+
 #: Examples that starts are from; they are computed when a model is loaded, in 25 ms.
 EXAMPLES = 10_000
+#: Starts of the search for a pose that an arm with another task may not be able to reach.
+FEW_STARTS = 100
+#: A motion of the joints that is no more than this continues the previous one [rad or m].
+SHORT = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +41,21 @@ class WholeRobot:
         """The preferred solution of a target ``(7,)``, one function of the pose.
 
         It is the first that the search finds: from the starts ``(n, dof)``, in their order, then
-        from the nearest examples.
+        from the nearest examples. Without any, and for another task than the pose, it is the one
+        with the least rotation left over.
         """
-        found = self._search.first(target, starts, self.options.max_starts)
-        if not found.found:
-            return self._unsolved(target, found.effort)
-        residuals = found.position_residual, found.orientation_residual
-        return Candidate(self.robot, target, found.joint_positions, residuals)
+        most = self.options.max_starts
+        approach = self._nearest_orientation
+        if approach is not None:
+            # What the arm can reach is found soon.
+            most = min(most, len(starts) + FEW_STARTS)
+        found = self._search.first(target, starts, most)
+        if found.found:
+            residuals = found.position_residual, found.orientation_residual
+            return Candidate(self.robot, target, found.joint_positions, residuals)
+        if approach is not None and len(approached := approach.all(target)):
+            return self._approached(target, approached[0])
+        return self._unsolved(target, found.effort)
 
     def continued(
         self, target: FloatArray, previous: FloatArray, starts: Callable[[], FloatArray]
@@ -55,17 +71,32 @@ class WholeRobot:
         if found.found:
             residuals = found.position_residual, found.orientation_residual
             return Candidate(self.robot, target, found.joint_positions, residuals, found.effort)
+        approach = self._nearest_orientation
+        if approach is not None:
+            approached = approach.follow(previous, target)
+            near = np.abs(approached.joint_positions - previous).max() < SHORT
+            # A short motion of the joints continues what was approached before.
+            if approached.found and near:
+                return self._approached(target, approached.joint_positions)
         others = self._all(target, starts())
-        if not len(others.joint_positions):
+        positions = others.joint_positions
+        reached = len(positions) > 0
+        if approach is not None and not reached:
+            if approached.found:
+                return self._approached(target, approached.joint_positions)
+            positions = approach.all(target)
+        if not len(positions):
             return self._unsolved(target, others.starts)
-        positions = self._nearest_turns(others.joint_positions, previous)
+        positions = self._nearest_turns(positions, previous)
         steps = self._distances(positions, previous)
         order = np.argsort(steps, kind="stable")
-        if self._is_far(previous, target):
+        if reached and self._is_far(previous, target):
             for row in order:
                 if steps[row] < math.pi and self._search.same_branch(previous, positions[row]):
                     return Candidate(self.robot, target, positions[row])
-        nearest = Candidate(self.robot, target, positions[order[0]])
+        nearest = self._approached(target, positions[order[0]])
+        if reached:
+            nearest.task = Task.POSE
         if not self.options.allow_branch_change:
             position, orientation = found.position_residual, found.orientation_residual
             nearest.branch_end = (
@@ -84,7 +115,12 @@ class WholeRobot:
         Of each solution the turns of revolute joints that are nearest to these, or, with
         ``turns``, all that are within the limits.
         """
-        found = self._all(target, starts)
+        found, task = self._all(target, starts), Task.POSE
+        if self._nearest_orientation is not None and not len(found.joint_positions):
+            task, nearest = self.task, self._nearest_orientation.all(target)
+            rows = [self.robot.forward_kinematics.residuals(row, target) for row in nearest]
+            distances, angles = np.array(rows).reshape(-1, 2).T
+            found = FoundSolutions(nearest, distances, angles, found.starts)
         if turns:
             positions = self._all_turns(found.joint_positions)
             residuals = [UNKNOWN] * len(positions)
@@ -98,7 +134,29 @@ class WholeRobot:
                 for elsewhere, position, orientation in zip(moved, *known, strict=True)
             ]
         order = np.argsort(self._distances(positions, near), kind="stable").tolist()
-        return [Candidate(self.robot, target, positions[row], residuals[row]) for row in order]
+        return [
+            Candidate(self.robot, target, positions[row], residuals[row], task=task)
+            for row in order
+        ]
+
+    @cached_property
+    def task(self) -> Task:
+        """What of a target must be reached."""
+        return self.options.task.of(self.robot)
+
+    @cached_property
+    def _nearest_orientation(self) -> "NearestOrientation | None":
+        """What approaches a target that can't be reached; None if all of it must be."""
+        if self.task is Task.POSE:
+            return None
+        # Not above: most arms don't need it.
+        from annik_core.solver.nearest_orientation import NearestOrientation
+
+        tolerance = self.refinement.tolerance
+        return NearestOrientation(self.robot, self.task, _length(self.robot), tolerance)
+
+    def _approached(self, target: FloatArray, positions: FloatArray) -> Candidate:
+        return Candidate(self.robot, target, positions, task=self.task)
 
     @cached_property
     def _search(self) -> Search:
@@ -106,7 +164,7 @@ class WholeRobot:
 
     def prepare(self) -> None:
         """Compute the examples now, not while the first target waits."""
-        _ = self._search
+        _ = self._search, self._nearest_orientation
 
     def _all(self, target: FloatArray, starts: FloatArray) -> FoundSolutions:
         return self._search.all(target, starts, self.options.max_starts, self.options.spacing)

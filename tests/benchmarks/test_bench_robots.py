@@ -89,10 +89,12 @@ def test_at_a_limit_the_other_joints_must_do_the_rest(oracle: Oracle) -> None:
     pair = SerialChain((joint, fixed), oracle.chain.tip)
     free = Oracle(pair, np.full(2, -1.0), np.full(2, 1.0))
     before = np.array([0.0, 0.999])
-    pose = free.poses(before[np.newaxis] + [0.1, 0.0])[0]
+    pose = free.poses(before[np.newaxis] + np.array([0.1, 0.0]))[0]
     wide = replace(free, upper=np.full(2, 2.0))
     assert wide.needed(before, before + 0.05, pose) == pytest.approx(0.05, rel=0.02)
-    assert free.needed(before, before + [0.1, 0.0], pose) == pytest.approx(0.099, rel=0.02)
+    assert free.needed(before, before + np.array([0.1, 0.0]), pose) == pytest.approx(
+        0.099, rel=0.02
+    )
 
 
 def test_the_command_measures_a_folder(ur5e: ArmFile, tmp_path: Path) -> None:
