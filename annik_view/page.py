@@ -10,16 +10,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import viser
 
 from annik_core.pose import FloatArray
 from annik_core.solver.result import IkResult
 from annik_view import shapes
+from annik_view.server import LOCALHOST, PageServer, is_local, open_to_others
 from annik_view.skeleton import Posture
 from annik_view.state import PATHS, ViewState
 
-#: The page is bound to this address unless another is chosen: it may move a robot.
-LOCALHOST = "127.0.0.1"
 #: Most changes that are drawn a second.
 RATE = 30.0
 #: All solutions are sought when the target has rested this long [s].
@@ -35,19 +33,6 @@ _BLUE, _RED, _SKY, _ORANGE, _GREEN = (
 _LINK, _NOMINAL = (215, 219, 224), _ORANGE
 _MAGNIFICATIONS = ("1", "2", "5", "10", "20", "50", "100", "200", "500", "1000")
 _NAME_STYLE = "opacity:.7;padding-right:.8em;white-space:nowrap"
-
-
-def is_local(host: str) -> bool:
-    """Whether a page at this address can be reached from this machine only."""
-    return host in ("localhost", LOCALHOST, "::1")
-
-
-def open_to_others(host: str) -> str:
-    """The warning for a page at an address that others can reach."""
-    return (
-        f"whoever can reach {host} can use this page, and move a robot that it drives; "
-        f"by default it is at {LOCALHOST}"
-    )
 
 
 @dataclass(eq=False)
@@ -104,7 +89,7 @@ class Page:
         self._drawn_solutions: list[IkResult] = []
         self.ghosts: list[Any] = []
         self._moved_at = time.monotonic()
-        self.server = viser.ViserServer(host=host, port=port, label="annik", verbose=False)
+        self.server = PageServer(host, port, own_page_only=drive is not None)
         self.host = host
         with self.server.atomic():
             self._build_scene()

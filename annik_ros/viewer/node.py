@@ -17,7 +17,8 @@ from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
 from annik_ros.run_node import run_node
 from annik_ros.viewer.parameters import ViewerParameters
-from annik_view.page import RATE, Page, is_local, open_to_others
+from annik_view.page import RATE, Page
+from annik_view.server import is_local, open_to_others
 from annik_view.solvers import solver_of
 from annik_view.state import TRAIL, Following, ViewState
 from msg_tools.conversions.pose import pose_from_array, pose_to_array

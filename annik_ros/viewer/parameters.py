@@ -35,8 +35,7 @@ class ViewerParameters:
     drive: bool = parameter(
         False,
         "true: the page has a switch that publishes the dragged target, so whoever reaches the "
-        "page can move the robot, also another page that is open in a browser of this machine; "
-        "false: the page only shows.",
+        "page can move the robot; pages of other sites are refused. false: the page only shows.",
     )
 
     def __post_init__(self) -> None:

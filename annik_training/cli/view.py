@@ -4,7 +4,8 @@ from contextlib import suppress
 
 import click
 
-from annik_view.page import LOCALHOST, Page, is_local, open_to_others
+from annik_view.page import Page
+from annik_view.server import LOCALHOST, is_local, open_to_others
 from annik_view.solvers import solver_of
 from annik_view.state import ViewState
 

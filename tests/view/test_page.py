@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("viser", reason="the page needs viser: pip install '.[view]'")
 pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
-from annik_view.page import Page, is_local
+from annik_view.page import Page
 from annik_view.solvers import solver_of
 from annik_view.state import ViewState
 from docs.browser import PATIENCE, browser, chromium, pixel
@@ -50,11 +50,6 @@ def colours_around(picture: bytes, at: tuple[float, float], half: int = 12) -> n
     assert half < x < WIDTH - half and half < y < HEIGHT - half
     pixels = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int)
     return pixels[y - half : y + half, x - half : x + half].reshape(-1, 3)
-
-
-def test_a_page_is_local_unless_it_is_chosen_otherwise() -> None:
-    assert is_local("127.0.0.1")
-    assert not is_local("0.0.0.0")
 
 
 @pytest.mark.process
