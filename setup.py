@@ -14,7 +14,7 @@ URL = "https://github.com/annik/annik"
 IMPORT_PACKAGES = ("annik_core", "annik_view", "annik_training", "annik_ros", "msg_tools")
 SHARED_FILES = (
     ("launch", "*.launch.py"),
-    ("config", "*.yaml"),
+    ("config", "*.*"),
     ("robots", "*.yaml"),
     ("robots", "*.urdf"),
     ("models", "*.onnx"),
@@ -149,7 +149,7 @@ setup(
             "torch>=2.4",
         ],
         # The page in the browser, and the interactive report.
-        "view": ["plotly>=6.0", "viser>=1.0"],
+        "view": ["plotly>=6.0", "viser>=1.0", "websockets>=14.0"],
         # The documentation as a site, and its notebook.
         "docs": [
             "ipykernel>=6.29",

@@ -6,14 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from annik_core.errors import AnnikError
-from annik_core.installation import share_directory
+from annik_core.installation import default_model_path, share_directory
 from annik_ros.launch_arguments import ARGUMENTS, check_names, checked_arguments, node_parameters
+from msg_tools.topics import ACCEPTED_TARGET, ACHIEVED_POSE, ROBOT_DESCRIPTION
 
 if TYPE_CHECKING:
     from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
     from launch.events.process import ProcessExited
 
 Actions = list["LaunchDescriptionEntity"]
+OnExit = Callable[["ProcessExited", "LaunchContext"], Actions | None]
 
 
 class NodeEnded(AnnikError):
@@ -42,11 +44,42 @@ class Launch:
         names = ["/" + "/".join([*self._namespace, node]) for node in nodes]
         return node_parameters(file, names) if file else {}
 
+    def displays(self, model: str | None) -> "Actions":
+        """What shows the robot of a model, as far as asked for: the page in the browser, RViz.
+
+        Nothing ends with them: who closes a window may want the robot to go on.
+        """
+        actions: Actions = []
+        if self.values["viewer"]:
+            actions.append(self.node("viewer", {"model": model}, _ends_alone))
+        if self.values["rviz"]:
+            from launch_ros.actions import Node
+
+            from annik_core.model.artifact import load_model
+
+            layout = share_directory() / "config" / "annik.rviz"
+            frame = load_model(model or default_model_path()).robot.base_frame
+            topics = ("tf", "tf_static", ROBOT_DESCRIPTION, ACCEPTED_TARGET, ACHIEVED_POSE)
+            names = [topic if isinstance(topic, str) else topic.name for topic in topics]
+            actions.append(
+                Node(
+                    package="rviz2",
+                    executable="rviz2",
+                    namespace=self.values["namespace"],
+                    arguments=["-d", str(layout), "-f", frame],
+                    parameters=[{"use_sim_time": bool(self.values.get("use_sim_time"))}],
+                    # The layout names them without a namespace.
+                    remappings=[(f"/{name}", name) for name in names],
+                    on_exit=_ends_alone,
+                )
+            )
+        return actions
+
     def node(
         self,
         name: str,
         parameters: Mapping[str, object] | None = None,
-        on_exit: "Callable[[ProcessExited, LaunchContext], Actions | None] | None" = None,
+        on_exit: "OnExit | None" = None,
     ) -> "LaunchDescriptionEntity":
         """A node of annik, with its file in ``config/``, the parameter file and these parameters.
 
@@ -128,9 +161,11 @@ def failure(error: AnnikError) -> Actions:
     return [TimerAction(period=0.0, actions=[OpaqueFunction(function=fail)])]
 
 
-def ends_the_launch(
-    node: str, *, may_end: bool = True, delay: float = 0.0
-) -> "Callable[[ProcessExited, LaunchContext], Actions | None]":
+def _ends_alone(_event: "ProcessExited", _context: "LaunchContext") -> None:
+    """On the end of a process: nothing."""
+
+
+def ends_the_launch(node: str, *, may_end: bool = True, delay: float = 0.0) -> OnExit:
     """What to do when a node ends: end all, with exit code 1 unless it may end and its is 0.
 
     Then the others have the delay [s] to finish.

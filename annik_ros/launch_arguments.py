@@ -1,8 +1,11 @@
 """The arguments of the launch files, checked before anything starts. Needs no ROS."""
 
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from annik_core.errors import InvalidValue, one_line
@@ -122,6 +125,28 @@ def _truth(name: str, text: str) -> bool | None:
     return values[text.lower()]
 
 
+def _viewer(name: str, text: str) -> bool:
+    wanted = bool(_truth(name, text))
+    if wanted and find_spec("viser") is None:
+        raise InvalidValue(name, text, "false: viser is not installed: pip install '.[view]'")
+    return wanted
+
+
+def _rviz(name: str, text: str) -> bool:
+    wanted = bool(_truth(name, text))
+    if wanted and not _is_ros_package("rviz2"):
+        allowed = "false: rviz2 is not installed: sudo apt install ros-jazzy-rviz2"
+        raise InvalidValue(name, text, allowed)
+    return wanted
+
+
+def _is_ros_package(name: str) -> bool:
+    """Whether the ament index has a package."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    index = Path("share", "ament_index", "resource_index", "packages", name)
+    return any((prefix / index).is_file() for prefix in map(Path, filter(None, prefixes)))
+
+
 def _log_level(name: str, text: str) -> str:
     if text.lower() not in ("", *LOG_LEVELS):
         raise InvalidValue(name, text, f"one of {', '.join(LOG_LEVELS)}")
@@ -147,6 +172,8 @@ ARGUMENTS: Mapping[str, Argument] = {
     "remappings": Argument("", "remapped names: FROM:=TO, separated by spaces", _remappings),
     "use_sim_time": Argument("", "true: the clock is /clock", _truth),
     "autostart": Argument("", "false: wait for lifecycle transitions", _truth),
+    "viewer": Argument("false", "true: show the robot in the browser too", _viewer),
+    "rviz": Argument("false", "true: show the robot in RViz too", _rviz),
     "log_level": Argument("", f"of the nodes: {', '.join(LOG_LEVELS)}", _log_level),
     "path": Argument(
         "diagonal",

@@ -1,10 +1,19 @@
-"""Serve a model and simulate its robot: ik_node and fake_robot."""
+"""Serve a model and simulate its robot: ik_node and fake_robot; and show it, if asked."""
 
 from launch import LaunchDescription, LaunchDescriptionEntity
 
 from annik_ros.launch_actions import Launch, launch_description
 
-ARGUMENTS = ("model", "namespace", "params_file", "remappings", "use_sim_time", "log_level")
+ARGUMENTS = (
+    "model",
+    "namespace",
+    "params_file",
+    "remappings",
+    "use_sim_time",
+    "log_level",
+    "viewer",
+    "rviz",
+)
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -14,5 +23,6 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(launch: Launch) -> list[LaunchDescriptionEntity]:
     launch.file_parameters("ik_node", "fake_robot")
-    model = {"model": launch.values["model"] or None}
-    return [launch.node(name, model) for name in ("ik_node", "fake_robot")]
+    model = launch.values["model"] or None
+    nodes = [launch.node(name, {"model": model}) for name in ("ik_node", "fake_robot")]
+    return [*nodes, *launch.displays(model)]

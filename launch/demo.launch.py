@@ -1,4 +1,4 @@
-"""The whole demo: ik_node, fake_robot, a path of targets and, if asked, a bag.
+"""The whole demo: ik_node, fake_robot, a path of targets; if asked, a bag and what shows it.
 
 Everything ends when the path has been followed, or could not be: then with exit code 1.
 """
@@ -8,7 +8,7 @@ from launch import LaunchDescription, LaunchDescriptionEntity
 from annik_core.target_paths import PathKind
 from annik_ros.launch_actions import Launch, ends_the_launch, launch_description
 
-ARGUMENTS = ("model", "path", "csv_file", "rate", "loops", "bag", "namespace")
+ARGUMENTS = ("model", "path", "csv_file", "rate", "loops", "bag", "namespace", "viewer", "rviz")
 
 # The last results have arrived when their publisher ends, but perhaps not yet in the bag [s].
 END_DELAY = 1.0
@@ -52,4 +52,4 @@ def _nodes(launch: Launch) -> list[LaunchDescriptionEntity]:
             ends_the_launch(name, may_end=name == "target_publisher", delay=END_DELAY),
         )
         for name, given in parameters.items()
-    ]
+    ] + launch.displays(model)

@@ -36,6 +36,8 @@ def test_the_defaults_are_allowed() -> None:
         ("use_sim_time", "True", True),
         ("autostart", "false", False),
         ("log_level", "DEBUG", "debug"),
+        ("viewer", "false", False),
+        ("rviz", "False", False),
         ("bag", "new", "new"),
         (
             "remappings",
@@ -71,6 +73,8 @@ def test_what_is_allowed(name: str, text: str, value: object) -> None:
         ("remappings", "joint_states"),
         ("remappings", "a:=b:=c"),
         ("remappings", ":=b"),
+        ("viewer", "maybe"),
+        ("rviz", "2"),
         ("bag", str(Path(__file__).parent)),
         ("bag", __file__),
     ],
@@ -157,3 +161,23 @@ def test_a_file_without_parameters_of_the_node_is_refused(tmp_path: Path, conten
 def test_a_file_that_is_missing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(AnnikError):
         node_parameters(str(tmp_path / "no.yaml"), ["/ik_node"])
+
+
+def test_rviz_is_started_only_where_the_index_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    with pytest.raises(InvalidValue) as error:
+        checked_arguments({"rviz": "true"})
+    assert error.value.name == "rviz"
+    index = tmp_path / "share" / "ament_index" / "resource_index" / "packages"
+    index.mkdir(parents=True)
+    (index / "rviz2").touch()
+    assert checked_arguments({"rviz": "true"}) == {"rviz": True}
+
+
+def test_the_page_needs_viser(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("annik_ros.launch_arguments.find_spec", lambda name: None)
+    with pytest.raises(InvalidValue) as error:
+        checked_arguments({"viewer": "true"})
+    assert error.value.name == "viewer"

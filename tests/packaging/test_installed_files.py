@@ -75,7 +75,7 @@ def test_it_holds_the_packages_and_nothing_else(wheel: zipfile.ZipFile) -> None:
         f"share/annik_ros/{path.relative_to(ROOT)}"
         for folder in SHARED_FOLDERS
         for path in (ROOT / folder).iterdir()
-        if path.suffix in (".py", ".yaml", ".onnx", ".urdf")
+        if path.suffix in (".py", ".yaml", ".onnx", ".urdf", ".rviz", ".json", ".xml")
     }
     assert data == {
         *shared,
