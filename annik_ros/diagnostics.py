@@ -18,6 +18,8 @@ from msg_tools.topics import DIAGNOSTICS
 
 #: Time from one report to the next [s].
 DIAGNOSTICS_PERIOD = 1.0
+#: The value of ``example_collector`` by which ``viewer`` follows it.
+ROWS_MEASURED = "rows measured"
 
 
 class Level(IntEnum):

@@ -10,16 +10,17 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray
 from annik_core.solver.result import IkResult
 from annik_view import shapes
-from annik_view.server import LOCALHOST, PageServer, is_local, open_to_others
+from annik_view.server import LOCALHOST, PORT, PageServer, is_local, open_to_others
 from annik_view.skeleton import Posture
 from annik_view.state import PATHS, ViewState
 
 #: Most changes that are drawn a second.
-RATE = 30.0
+RATE = 60.0
 #: All solutions are sought when the target has rested this long [s].
 _REST = 0.15
 #: Of the colours that the colour-blind can tell apart (Okabe and Ito).
@@ -31,6 +32,8 @@ _BLUE, _RED, _SKY, _ORANGE, _GREEN = (
     (0, 158, 115),
 )
 _LINK, _NOMINAL = (215, 219, 224), _ORANGE
+#: Of examples: those to measure, and those that are measured.
+_TO_DO, _DONE = _SKY, _GREEN
 _MAGNIFICATIONS = ("1", "2", "5", "10", "20", "50", "100", "200", "500", "1000")
 _NAME_STYLE = "opacity:.7;padding-right:.8em;white-space:nowrap"
 
@@ -77,7 +80,7 @@ class Page:
         state: ViewState,
         *,
         host: str = LOCALHOST,
-        port: int = 8080,
+        port: int = PORT,
         drive: Callable[[FloatArray], None] | None = None,
     ) -> None:
         self.state = state
@@ -87,6 +90,7 @@ class Page:
         self._closed = threading.Event()
         self._requests: dict[str, Callable[[], None]] = {}
         self._drawn_solutions: list[IkResult] = []
+        self._drawn_rows: frozenset[int] = frozenset()
         self.ghosts: list[Any] = []
         self._moved_at = time.monotonic()
         self.server = PageServer(host, port, own_page_only=drive is not None)
@@ -195,6 +199,14 @@ class Page:
             )
             for name, colour, width in (("target", _ORANGE, 5.0), ("achieved", _GREEN, 2.5))
         ]
+        if state.examples is not None:
+            self._examples = scene.add_point_cloud(
+                "/examples",
+                state.examples.positions.astype(np.float32),
+                self._example_colours(),
+                point_size=0.02 * reach,
+                point_shape="circle",
+            )
         self.place_gizmo()
         self._gizmo.on_update(lambda event: self._dragged(event.target))
 
@@ -220,6 +232,11 @@ class Page:
             play.on_click(lambda _: self.request("path", lambda: state.start_path(kind.value)))
             stop.on_click(lambda _: self.request("path", state.stop_path))
             clear.on_click(lambda _: self.request("trails", state.clear_trails))
+        if state.examples is not None and not state.follows:
+            last = len(state.examples) - 1
+            with gui.add_folder("examples"):
+                row = gui.add_slider("row", min=0, max=last, step=1, initial_value=0)
+                row.on_update(lambda _: self.request("joints", lambda: self._show_row(row.value)))
         if self._nominal is not None:
             with gui.add_folder("calibration"):
                 self._magnification = gui.add_dropdown(
@@ -256,6 +273,17 @@ class Page:
         self._moved_at = time.monotonic()
         self.state.show_joints([slider.value for slider in self._sliders])
         self.place_gizmo()
+
+    def _show_row(self, row: int) -> None:
+        self._moved_at = time.monotonic()
+        self.state.show_example(row)
+        self.place_gizmo()
+
+    def _example_colours(self) -> NDArray[np.uint8]:
+        examples = self.state.examples
+        assert examples is not None
+        rows = [_DONE if row in examples.measured else _TO_DO for row in range(len(examples))]
+        return np.array(rows, dtype=np.uint8)
 
     def _dragged(self, gizmo: Any) -> None:
         # viser: w first; annik: w last.
@@ -304,6 +332,9 @@ class Page:
                 line.points = np.stack([points[:-1], points[1:]], axis=1)
             for slider, value in zip(self._sliders, state.joint_positions.tolist(), strict=True):
                 slider.value = float(np.clip(value, slider.min, slider.max))
+            if state.examples is not None and state.examples.measured != self._drawn_rows:
+                self._drawn_rows = state.examples.measured
+                self._examples.colors = self._example_colours()
             self._readout.content = _table(state, drives=self._driving())
             self._draw_solutions()
 

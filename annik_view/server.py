@@ -13,6 +13,8 @@ from websockets.frames import CloseCode
 
 #: The page is bound to this address unless another is chosen: it may move a robot.
 LOCALHOST = "127.0.0.1"
+#: The first port that is tried unless another is chosen.
+PORT = 8080
 
 
 def is_local(host: str) -> bool:

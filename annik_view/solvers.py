@@ -48,6 +48,19 @@ def solver_of(
         arm = model.robot.kind == "arm"
         return IkSolver(model, mode=SolverMode.WHOLE_ROBOT if arm else SolverMode.AUTO)
     robot = load_robot(name_or_path, base_frame=base_frame, end_effector_frame=end_effector_frame)
+    return solver_for(robot)
+
+
+def solver_for(robot: Robot) -> IkSolver:
+    """The solver for an arm, or for the packaged gantry.
+
+    Raises:
+        AnnikError: if it is another gantry, which needs a model.
+    """
+    if robot.kind != "arm" and robot.name in packaged_models():
+        solver = IkSolver(load_model(robot.name))
+        if solver.robot.definition_hash == robot.definition_hash:
+            return solver
     return IkSolver(cast(Model, WithoutNetwork(robot)), mode=SolverMode.WHOLE_ROBOT)
 
 

@@ -48,6 +48,24 @@ _UNKNOWN = Following()
 
 
 @dataclass(eq=False)
+class Examples:
+    """The examples of a design, or of a plan that is being measured.
+
+    Attributes:
+        joint_positions: ``(n, dof)`` [rad or m].
+        positions: ``(n, 3)`` of the end effector there [m].
+        measured: the rows that are measured.
+    """
+
+    joint_positions: FloatArray
+    positions: FloatArray
+    measured: frozenset[int] = frozenset()
+
+    def __len__(self) -> int:
+        return len(self.joint_positions)
+
+
+@dataclass(eq=False)
 class ViewState:
     """A robot, its target and the answer; each change of the target is solved at once.
 
@@ -60,6 +78,7 @@ class ViewState:
         solutions: all solutions of the target, if they were asked for; nearest first.
         target_trail, achieved_trail: positions ``(3,)`` [m], oldest first.
         path: targets ``(n, 7)`` that are being played, and ``path_index``, the next of them.
+        examples: examples that are shown where they put the end effector; None: no design.
     """
 
     solver: IkSolver
@@ -74,6 +93,7 @@ class ViewState:
     path: FloatArray = field(default_factory=lambda: np.empty((0, 7)))
     path_index: int = 0
     following: Following = _UNKNOWN
+    examples: Examples | None = None
 
     def __post_init__(self) -> None:
         """Put the robot where it is seen well, and the target at its end effector."""
@@ -140,6 +160,11 @@ class ViewState:
         self._move(np.array(joint_positions, dtype=np.float64))
         self.target = self.achieved
         self.answer, self.solutions, self.solve_time = None, [], math.nan
+
+    def show_example(self, row: int) -> None:
+        """Show the robot at the joint positions of an example."""
+        assert self.examples is not None
+        self.show_joints(self.examples.joint_positions[row])
 
     def start_path(self, name: str) -> None:
         """Choose one of :data:`PATHS` from the target on, to be played by :meth:`next_target`."""
@@ -229,6 +254,9 @@ class ViewState:
             degrees = math.degrees(self.following.orientation_error)
             error = f"{1e3 * self.following.position_error:.3g} mm, {degrees:.3g} degrees"
             rows.append(("tracking error", error))
+        if self.examples is not None:
+            measured = f", {len(self.examples.measured)} measured" if self.follows else ""
+            rows.append(("examples", f"{len(self.examples)}{measured}"))
         if self.nominal is not None:
             rows.append(("nominal arm away by", f"{1e3 * self.difference:.3g} mm"))
         return rows

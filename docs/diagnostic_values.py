@@ -82,6 +82,7 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "phase": "present activity",
         "examples planned": "rows of the plan",
         "examples measured": "in the journal, by this run and previous ones",
+        "rows measured": "which rows of the plan those are, such as 0-4, 7",
         "examples failed": "failed attempts; each example is visited again after all others",
         "examples skipped": "that can't be reached inside the workspace box",
         "measurements repeated": "that were refused",

@@ -29,7 +29,8 @@ def solutions(page: Page) -> None:
 def refused(page: Page) -> None:
     """Ask for a target out of reach."""
     target = page.state.target.copy()
-    target[:2] *= 2.6
+    # Beside the arm, where the panel is not.
+    target[:3] = [-0.85, -0.68, 0.45]
     page.state.move_target(target)
 
 

@@ -15,6 +15,7 @@ import pytest
 from support.processes import ROOT, run_python
 
 from annik_core.robots.library import packaged_robots
+from annik_ros.launch_arguments import ARGUMENTS
 from docs.parameter_tables import PARAMETER_TABLES
 from msg_tools.topics import TOPICS
 
@@ -261,15 +262,10 @@ def test_parameters_in_the_text_exist(page: Path) -> None:
     known |= {topic.name for topic in TOPICS}
     known |= {"use_sim_time", "__ns", "__node"}
     given = set(re.findall(r"(?<![\w/])(\w+):=", " ".join(inline_code(page))))
-    assert given - known <= launch_arguments()
+    assert given - known <= set(ARGUMENTS)
 
 
 @cache
-def launch_arguments() -> set[str]:
-    launch = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "launch").glob("*.py"))
-    return set(re.findall(r"DeclareLaunchArgument\(\s*[\"'](\w+)", launch))
-
-
 # Python
 
 

@@ -18,6 +18,7 @@ from annik_core.collection.collector import (
     duration_in_words,
 )
 from annik_core.collection.journal import CollectionJournal, open_journal
+from annik_core.collection.row_ranges import row_ranges
 from annik_core.dataset import load_dataset, save_dataset
 from annik_core.errors import AnnikError, NonFiniteValue, NotUnitQuaternion
 from annik_core.pose import FloatArray, checked_pose
@@ -26,6 +27,7 @@ from annik_core.serving.measured_joints import MeasuredPositions
 from annik_core.serving.statistics import OutcomeCounts
 from annik_ros.declare_parameters import declare_parameters
 from annik_ros.diagnostics import (
+    ROWS_MEASURED,
     DiagnosticReport,
     DiagnosticsPublisher,
     OtherCommanders,
@@ -247,6 +249,7 @@ class ExampleCollector(Node):
             "phase": collector.phase.value,
             "examples planned": str(len(self._journal.plan)),
             "examples measured": str(len(self._journal.examples)),
+            ROWS_MEASURED: row_ranges(self._journal.examples),
             "examples failed": str(collector.queue.failures),
             "examples skipped": str(len(collector.queue.skipped)),
             "measurements repeated": str(collector.repeated),

@@ -4,27 +4,35 @@ import math
 import sys
 import threading
 import traceback
+from contextlib import suppress
 from functools import partial
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Pose, PoseStamped, Vector3Stamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
+from annik_core.collection.row_ranges import rows_in
+from annik_core.dataset import Dataset, load_dataset
+from annik_core.errors import InvalidValue, listed
 from annik_core.pose import FloatArray
+from annik_core.solver.ik_solver import IkSolver
 from annik_ros.declare_parameters import declare_parameters
+from annik_ros.diagnostics import ROWS_MEASURED
 from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
 from annik_ros.run_node import run_node
 from annik_ros.viewer.parameters import ViewerParameters
 from annik_view.page import RATE, Page
 from annik_view.server import is_local, open_to_others
-from annik_view.solvers import solver_of
-from annik_view.state import TRAIL, Following, ViewState
+from annik_view.solvers import solver_for, solver_of
+from annik_view.state import TRAIL, Examples, Following, ViewState
 from msg_tools.conversions.pose import pose_from_array, pose_to_array
 from msg_tools.topics import (
     ACCEPTED_TARGET,
     ACHIEVED_POSE,
+    DIAGNOSTICS,
     ORIENTATION_ERROR,
     POSITION_ERROR,
     TARGET_POSE,
@@ -49,11 +57,8 @@ class Viewer(Node):
     def __init__(self) -> None:
         super().__init__(NODE_NAME)
         parameters = declare_parameters(self, ViewerParameters)
-        solver = solver_of(
-            parameters.model or parameters.robot,
-            base_frame=parameters.base_frame or None,
-            end_effector_frame=parameters.end_effector_frame or None,
-        )
+        plan = load_dataset(parameters.plan) if parameters.plan else None
+        solver = _solver(parameters, plan)
         if not is_local(parameters.host):
             self.get_logger().warning(open_to_others(parameters.host))
         #: Done, with exit code 1, when the page fails.
@@ -61,11 +66,13 @@ class Viewer(Node):
         self._accepted: list[FloatArray] = []
         self._achieved: list[FloatArray] = []
         self._errors = dict.fromkeys((POSITION_ERROR, ORIENTATION_ERROR), math.nan)
+        self._rows: frozenset[int] = frozenset()
         self._is_placed = False
         self._shown: tuple[object, ...] = ()
         self._publisher = self.create_publisher(Pose, TARGET_POSE.name, reliable(1))
+        examples = None if plan is None else Examples(plan.joint_positions, plan.poses[:, :3])
         self.page = Page(
-            ViewState(solver, follows=True),
+            ViewState(solver, follows=True, examples=examples),
             host=parameters.host,
             port=parameters.port,
             drive=self._publish if parameters.drive else None,
@@ -78,6 +85,13 @@ class Viewer(Node):
         for topic in self._errors:
             self.create_subscription(
                 Vector3Stamped, topic.name, partial(self._on_error, topic), reliable(1)
+            )
+        if plan is not None:
+            self.create_subscription(
+                DiagnosticArray,
+                DIAGNOSTICS.name,
+                partial(self._on_diagnostics, len(plan)),
+                reliable(10),
             )
         self.create_timer(
             1.0 / RATE, self._hand_over, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -109,17 +123,28 @@ class Viewer(Node):
         vector = message.vector
         self._errors[topic] = math.hypot(vector.x, vector.y, vector.z)
 
+    def _on_diagnostics(self, count: int, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for entry in status.values:
+                if entry.key == ROWS_MEASURED:
+                    # Anyone may publish diagnostics.
+                    with suppress(ValueError):
+                        self._rows = rows_in(entry.value, count)
+
     def _hand_over(self) -> None:
         """Give the page what arrived since the last time, if that changes anything."""
         newest = self._measured.newest()
         seen = (
             None if newest is None else newest.joint_positions.tolist(),
             *self._errors.values(),
+            self._rows,
         )
         if seen == self._shown and not self._accepted and not self._achieved:
             return
         with self.page.changing() as state:
             state.following = Following(*self._errors.values())
+            if state.examples is not None:
+                state.examples.measured = self._rows
             for pose in self._accepted:
                 state.accepted(pose)
             for pose in self._achieved:
@@ -134,6 +159,20 @@ class Viewer(Node):
         self._accepted.clear()
         self._achieved.clear()
         self._shown = seen
+
+
+def _solver(parameters: ViewerParameters, plan: Dataset | None) -> IkSolver:
+    if plan is not None and not parameters.model:
+        return solver_for(plan.robot)
+    solver = solver_of(
+        parameters.model or parameters.robot,
+        base_frame=parameters.base_frame or None,
+        end_effector_frame=parameters.end_effector_frame or None,
+    )
+    if plan is not None and plan.robot.joint_names != solver.robot.joint_names:
+        allowed = f"a plan for the joints {listed(solver.robot.joint_names)} of the model"
+        raise InvalidValue("plan", parameters.plan, allowed)
+    return solver
 
 
 def main(args: list[str] | None = None) -> int:

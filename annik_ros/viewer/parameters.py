@@ -25,6 +25,11 @@ class ViewerParameters:
     end_effector_frame: str = parameter(
         "", "Of a URDF: the link whose pose is given; empty: its only tip, or as defined."
     )
+    plan: str = parameter(
+        "",
+        "Plan of example_collector (.npz), whose examples to show, and which are measured. It has "
+        "its robot, so robot is not needed then. Empty: none.",
+    )
     host: str = parameter(
         "127.0.0.1",
         "Address of the page. By default only this machine reaches it; 0.0.0.0: others too.",

@@ -39,8 +39,11 @@ from annik_training.cli.options import (
     help="--check, with the path of the plot (.png); the numbers are beside it (.json). "
     "Default: DESIGN_ROBOT_pairs.png in the current folder.",
 )
+@click.option("--view", is_flag=True, help="Also show the poses that it reaches in the browser.")
 @click.option("--out", type=FILE, help="Also compute the poses and save the dataset (.npz).")
-def design(seed: int, check: bool, plot: Path | None, out: Path | None, **choices: Any) -> None:
+def design(
+    seed: int, check: bool, plot: Path | None, view: bool, out: Path | None, **choices: Any
+) -> None:
     """Choose the joint positions of the examples."""
     if plot is not None and plot.suffix != ".png":
         raise InvalidValue("--plot", str(plot), "a name that ends in .png")
@@ -54,6 +57,13 @@ def design(seed: int, check: bool, plot: Path | None, out: Path | None, **choice
     if out is not None:
         save_dataset(dataset, out)
         click.echo(f"wrote {out}")
+    if view:
+        from annik_training.cli.view import show_page
+        from annik_view.solvers import solver_for
+        from annik_view.state import Examples, ViewState
+
+        examples = Examples(dataset.joint_positions, dataset.poses[:, :3])
+        show_page(ViewState(solver_for(dataset.robot), examples=examples))
 
 
 def _check_design(dataset: Dataset, plot: Path) -> None:

@@ -1,12 +1,14 @@
 """Output of commands that train or evaluate a model."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import track
 from rich.table import Table
 
 from annik_core.model.metadata import quality_of
@@ -14,6 +16,16 @@ from annik_core.model.metadata import quality_of
 if TYPE_CHECKING:
     from annik_training import Evaluation, TrainedModel
     from annik_training.evaluation import SearchTimes
+
+
+_Item = TypeVar("_Item")
+
+
+def shown_progress(items: Iterable[_Item], what: str, total: int | None) -> Iterable[_Item]:
+    """The same items, with a bar on stderr while they come by, if that is a terminal."""
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    return track(items, what, total, console=console, transient=True, disable=hidden)
 
 
 def print_training(trained: "TrainedModel") -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from annik_core.files import write_file
+from annik_training.cli.output import shown_progress
 from msg_tools.report.table import print_report
 from msg_tools.report.write import write_report
 
@@ -24,7 +25,7 @@ def report(bag: Path, out: Path | None, html: Path | None, namespace: str | None
         # First: without plotly nothing is computed in vain.
         from msg_tools.report.interactive import interactive_page
     folder = out or (bag if bag.is_dir() else bag.parent) / "report"
-    written = write_report(bag, folder, namespace)
+    written = write_report(bag, folder, namespace, shown_progress)
     print_report(written)
     click.echo(f"report: {folder / 'report.html'}")
     if html is not None:

@@ -5,7 +5,7 @@ from contextlib import suppress
 import click
 
 from annik_view.page import Page
-from annik_view.server import LOCALHOST, is_local, open_to_others
+from annik_view.server import LOCALHOST, PORT, is_local, open_to_others
 from annik_view.solvers import solver_of
 from annik_view.state import ViewState
 
@@ -15,7 +15,7 @@ from annik_view.state import ViewState
 @click.option("--base-frame", help="Of a URDF: the link in which poses are given.")
 @click.option("--end-effector-frame", help="Of a URDF: the link whose pose is given.")
 @click.option("--host", default=LOCALHOST, show_default=True, help="Address of the page.")
-@click.option("--port", default=8080, show_default=True, help="The first free one from this on.")
+@click.option("--port", default=PORT, show_default=True, help="The first free one from this on.")
 def view(
     robot: str, base_frame: str | None, end_effector_frame: str | None, host: str, port: int
 ) -> None:
@@ -27,7 +27,12 @@ def view(
     solver = solver_of(robot, base_frame=base_frame, end_effector_frame=end_effector_frame)
     if not is_local(host):
         click.echo(f"warning: {open_to_others(host)}", err=True)
-    page = Page(ViewState(solver), host=host, port=port)
-    click.echo(f"open {page.url} in a browser")
+    show_page(ViewState(solver), host=host, port=port)
+
+
+def show_page(state: ViewState, host: str = LOCALHOST, port: int = PORT) -> None:
+    """Show a page until Ctrl-C."""
+    page = Page(state, host=host, port=port)
+    click.echo(f"open {page.url} in a browser; Ctrl-C ends it")
     with suppress(KeyboardInterrupt):
         page.run()

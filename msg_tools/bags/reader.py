@@ -13,6 +13,7 @@ from rosbags.typesys.store import Typestore
 from annik_core.files import bounded_yaml, read_text
 from msg_tools.bags.errors import BagNotFound, BagNotReadable
 from msg_tools.bags.metadata import METADATA_FILE, is_known_type, jazzy_types
+from msg_tools.bags.progress import Progress, not_shown
 from msg_tools.bags.stored_messages import RawMessage, stored_messages
 
 _STORAGE_SUFFIXES: Final = (".mcap", ".db3")
@@ -53,14 +54,17 @@ class Bag:
         """Readable messages of all topics."""
         return sum(topic.message_count for topic in self.topics.values())
 
-    def records(self, topics: Collection[str] | None = None) -> Iterator[BagRecord]:
+    def records(
+        self, topics: Collection[str] | None = None, progress: Progress = not_shown
+    ) -> Iterator[BagRecord]:
         """Decoded messages in stored order, of all topics or of those with these absolute names.
 
         Raises:
             BagNotReadable: if a message of these topics can't be decoded.
         """
         extra = get_typestore(Stores.EMPTY)
-        for raw in _raw_messages(_content(self.path, [])[0], []):
+        stored = _raw_messages(_content(self.path, [])[0], [])
+        for raw in progress(stored, "reading messages", self.message_count):
             if topics is not None and raw.topic not in topics:
                 continue
             types = _types_for(raw, extra, self.path)
@@ -74,7 +78,7 @@ class Bag:
             yield BagRecord(raw.topic, raw.type, raw.log_time_ns, raw.publish_time_ns, message)
 
 
-def read_bag(path: Path) -> Bag:
+def read_bag(path: Path, progress: Progress = not_shown) -> Bag:
     """Read a whole bag once, count its messages and find its damage.
 
     The path is the folder of a bag (MCAP or SQLite3, one file or several, compressed or not), its
@@ -91,7 +95,7 @@ def read_bag(path: Path) -> Bag:
     counts: Counter[tuple[str, str]] = Counter()
     has_publish_times = False
     files, total, stated = _content(path, damage)
-    for raw in _raw_messages(files, damage):
+    for raw in progress(_raw_messages(files, damage), "counting messages", total):
         counts[raw.topic, raw.type] += 1
         has_publish_times |= raw.publish_time_ns != raw.log_time_ns
     topics: dict[str, BagTopic] = {}

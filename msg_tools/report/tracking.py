@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from annik_core.errors import ConversionError
 from annik_core.pose import FloatArray, TrackingError, checked_pose, tracking_error
 from msg_tools import topics
+from msg_tools.bags.progress import Progress, not_shown
 from msg_tools.bags.reader import Bag, BagRecord
 from msg_tools.report.matching import TimedPose, match_targets
 from msg_tools.report.namespace import robot_namespace
@@ -139,7 +140,9 @@ class _Latencies(NamedTuple):
     ambiguous: frozenset[int]
 
 
-def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
+def tracking_report(
+    bag: Bag, namespace: str | None = None, progress: Progress = not_shown
+) -> TrackingReport:
     """Compute the report of a bag; the namespace of the robot is needed if it holds several.
 
     Raises:
@@ -153,7 +156,7 @@ def tracking_report(bag: Bag, namespace: str | None = None) -> TrackingReport:
     }
     records: dict[str, list[_Record]] = defaultdict(list)
     by_name = {name: topic for topic, name in names.items()}
-    for record in bag.records(by_name):
+    for record in bag.records(by_name, progress):
         records[by_name[record.topic]].append(_kept(record, by_name[record.topic]))
     notes = [f"The bag is damaged. {fault}." for fault in bag.damage]
 

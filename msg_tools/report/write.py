@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
+from msg_tools.bags.progress import Progress, not_shown
 from msg_tools.bags.reader import read_bag
 from msg_tools.report.plots import report_plots
 from msg_tools.report.table import overall_rows, target_rows
@@ -32,7 +33,10 @@ _CSV_COLUMNS: Final = (
 
 
 def write_report(
-    bag_path: Path, output_directory: Path, namespace: str | None = None
+    bag_path: Path,
+    output_directory: Path,
+    namespace: str | None = None,
+    progress: Progress = not_shown,
 ) -> TrackingReport:
     """Write report.html, results.json, targets.csv and the pictures of a bag's report.
 
@@ -45,7 +49,7 @@ def write_report(
         NamespaceError: see :func:`msg_tools.report.namespace.robot_namespace`.
         NotWritable: if the files can't be written; earlier ones are then kept.
     """
-    report = tracking_report(read_bag(bag_path), namespace)
+    report = tracking_report(read_bag(bag_path, progress), namespace, progress)
     plots = report_plots(report)
     contents = {
         **plots,

@@ -8,6 +8,7 @@ import struct
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,15 @@ pytest.importorskip("viser", reason="the page needs viser: pip install '.[view]'
 import msgspec
 import viser
 import zstandard
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose
+from support.collection_plans import small_plan
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from annik_core.dataset import save_dataset
 from annik_core.robots.library import load_robot
+from annik_ros.diagnostics import ROWS_MEASURED
 
 UR5E = ("-p", "model:=ur5e")
 DRIVE = "drive the robot"
@@ -153,6 +158,34 @@ def test_a_dragged_target_moves_the_robot_only_while_the_switch_is_on(
     viewer.signal(signal.SIGINT)
     assert viewer.wait_for_exit() == 0
     assert "Traceback" not in viewer.log
+
+
+def test_the_page_follows_the_collection_of_a_plan(
+    launch: Callable[..., Any],
+    client: Any,
+    open_page: Callable[[Any], Browser],
+    tmp_path: Path,
+) -> None:
+    plan = tmp_path / "plan.npz"
+    save_dataset(small_plan(load_robot("ur5e"), examples=9), plan)
+    viewer = launch("viewer", "-p", f"plan:={plan}", "-p", "port:=8480")
+    page = open_page(viewer)
+    client.wait_until(lambda: "9, 0 measured" in page.words, "the examples are shown")
+    publisher = client.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def report(rows: str) -> None:
+        values = [KeyValue(key=ROWS_MEASURED, value=rows)]
+        publisher.publish(DiagnosticArray(status=[DiagnosticStatus(values=values)]))
+
+    client.repeat_until(
+        lambda: report("0-2, 7"), lambda: "9, 4 measured" in page.words, "progress is shown"
+    )
+    report("nonsense")
+    client.repeat_until(
+        lambda: report("0-8"), lambda: "9, 9 measured" in page.words, "all are measured"
+    )
+    viewer.signal(signal.SIGINT)
+    assert viewer.wait_for_exit() == 0
 
 
 def test_the_page_only_shows_unless_it_may_drive(

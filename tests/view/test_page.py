@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
 from annik_view.page import Page
 from annik_view.solvers import solver_of
-from annik_view.state import ViewState
+from annik_view.state import Examples, ViewState
 from docs.browser import PATIENCE, browser, chromium, pixel
 
 WIDTH, HEIGHT = 1000, 640
@@ -23,15 +24,20 @@ EXECUTABLE = chromium()
 QUIET = 0.5
 
 
-@pytest.fixture
-def page() -> Iterator[Page]:
-    shown = Page(ViewState(solver_of("ur5e")), port=8301)
-    thread = threading.Thread(target=shown.run)
+@contextmanager
+def running(page: Page) -> Iterator[Page]:
+    thread = threading.Thread(target=page.run)
     thread.start()
-    yield shown
-    shown.close()
+    yield page
+    page.close()
     thread.join(PATIENCE)
     assert not thread.is_alive()
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    with running(Page(ViewState(solver_of("ur5e")), port=8301)) as shown:
+        yield shown
 
 
 def wait_for(condition: Callable[[], object], what: str) -> None:
@@ -60,6 +66,23 @@ def test_requests_replace_older_ones_of_their_kind(page: Page) -> None:
         page.request("target", lambda pose=pose: page.state.move_target(pose))
     wait_for(lambda: page.state.achieved[2] > goal[2] + 0.0198, "the newest target is reached")
     assert len(page.state.target_trail) < 200
+
+
+@pytest.mark.process
+def test_examples_change_their_colour_when_they_are_measured() -> None:
+    solver = solver_of("ur5e")
+    rows = solver.robot.joint_box.sample(4, np.random.default_rng(0))
+    examples = Examples(rows, solver.robot.forward_kinematics.poses(rows)[:, :3])
+    page = Page(ViewState(solver, follows=True, examples=examples), port=8321)
+    with running(page):
+        points = page.server.scene.get_handle_by_name("/examples")
+        to_do = points.colors[0].tolist()
+        assert (points.colors == to_do).all()
+        with page.changing() as state:
+            state.examples.measured = frozenset({1, 3})
+        wait_for(lambda: (points.colors != to_do).any(), "the colours change")
+        changed = (points.colors != to_do).any(axis=1)
+        assert changed.tolist() == [False, True, False, True]
 
 
 @pytest.mark.process

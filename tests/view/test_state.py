@@ -12,8 +12,8 @@ from annik_core import IkSolver, IkStatus, SolverMode, load_model
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_view import shapes
 from annik_view.skeleton import Skeleton
-from annik_view.solvers import WithoutNetwork, nominal_of, solver_of
-from annik_view.state import PATHS, TRAIL, ViewState
+from annik_view.solvers import WithoutNetwork, nominal_of, solver_for, solver_of
+from annik_view.state import PATHS, TRAIL, Examples, ViewState
 
 
 @pytest.fixture(scope="module")
@@ -160,3 +160,24 @@ def test_a_calibrated_arm_is_compared_with_the_nominal_one() -> None:
     assert away == pytest.approx(0.05, rel=1e-6)
     assert "nominal arm away by" in dict(state.readout())
     assert nominal_of(nominal) is None
+
+
+def test_the_robot_goes_to_an_example(solver: IkSolver) -> None:
+    rows = solver.robot.joint_box.sample(5, np.random.default_rng(0))
+    positions = solver.robot.forward_kinematics.poses(rows)[:, :3]
+    state = ViewState(solver, examples=Examples(rows, positions))
+    state.show_example(3)
+    np.testing.assert_allclose(state.achieved[:3], positions[3], atol=1e-9)
+    assert ("examples", "5") in state.readout()
+
+
+def test_the_page_says_how_many_examples_are_measured(solver: IkSolver) -> None:
+    rows = solver.robot.joint_box.sample(5, np.random.default_rng(0))
+    state = ViewState(solver, follows=True, examples=Examples(rows, rows[:, :3]))
+    assert state.examples is not None
+    state.examples.measured = frozenset({1, 2})
+    assert ("examples", "5, 2 measured") in state.readout()
+
+
+def test_the_packaged_gantry_needs_no_model_to_be_named() -> None:
+    assert solver_for(load_robot("gantry")).robot.definition == load_robot("gantry").definition
