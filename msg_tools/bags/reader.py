@@ -55,7 +55,7 @@ class Bag:
         return sum(topic.message_count for topic in self.topics.values())
 
     def records(
-        self, topics: Collection[str] | None = None, progress: Progress = not_shown
+        self, topics: Collection[str] | None = None, progress: Progress | None = None
     ) -> Iterator[BagRecord]:
         """Decoded messages in stored order, of all topics or of those with these absolute names.
 
@@ -64,7 +64,7 @@ class Bag:
         """
         extra = get_typestore(Stores.EMPTY)
         stored = _raw_messages(_content(self.path, [])[0], [])
-        for raw in progress(stored, "reading messages", self.message_count):
+        for raw in (progress or not_shown)(stored, "reading messages", self.message_count):
             if topics is not None and raw.topic not in topics:
                 continue
             types = _types_for(raw, extra, self.path)
@@ -78,7 +78,7 @@ class Bag:
             yield BagRecord(raw.topic, raw.type, raw.log_time_ns, raw.publish_time_ns, message)
 
 
-def read_bag(path: Path, progress: Progress = not_shown) -> Bag:
+def read_bag(path: Path, progress: Progress | None = None) -> Bag:
     """Read a whole bag once, count its messages and find its damage.
 
     The path is the folder of a bag (MCAP or SQLite3, one file or several, compressed or not), its
@@ -95,7 +95,7 @@ def read_bag(path: Path, progress: Progress = not_shown) -> Bag:
     counts: Counter[tuple[str, str]] = Counter()
     has_publish_times = False
     files, total, stated = _content(path, damage)
-    for raw in progress(_raw_messages(files, damage), "counting messages", total):
+    for raw in (progress or not_shown)(_raw_messages(files, damage), "counting messages", total):
         counts[raw.topic, raw.type] += 1
         has_publish_times |= raw.publish_time_ns != raw.log_time_ns
     topics: dict[str, BagTopic] = {}

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from annik_core.errors import ConversionError
 from annik_core.pose import FloatArray, TrackingError, checked_pose, tracking_error
 from msg_tools import topics
-from msg_tools.bags.progress import Progress, not_shown
+from msg_tools.bags.progress import Progress
 from msg_tools.bags.reader import Bag, BagRecord
 from msg_tools.report.matching import TimedPose, match_targets
 from msg_tools.report.namespace import robot_namespace
@@ -141,7 +141,7 @@ class _Latencies(NamedTuple):
 
 
 def tracking_report(
-    bag: Bag, namespace: str | None = None, progress: Progress = not_shown
+    bag: Bag, namespace: str | None = None, progress: Progress | None = None
 ) -> TrackingReport:
     """Compute the report of a bag; the namespace of the robot is needed if it holds several.
 

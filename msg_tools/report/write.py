@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
-from msg_tools.bags.progress import Progress, not_shown
+from msg_tools.bags.progress import Progress
 from msg_tools.bags.reader import read_bag
 from msg_tools.report.plots import report_plots
 from msg_tools.report.table import overall_rows, target_rows
@@ -36,7 +36,7 @@ def write_report(
     bag_path: Path,
     output_directory: Path,
     namespace: str | None = None,
-    progress: Progress = not_shown,
+    progress: Progress | None = None,
 ) -> TrackingReport:
     """Write report.html, results.json, targets.csv and the pictures of a bag's report.
 
