@@ -21,6 +21,7 @@ BENCHMARKS = {
     "ik": ("benchmarks.ik.command", "Inverse kinematics beside the solvers of others."),
     "robots": ("benchmarks.robots.command", "Every URDF of a folder, within its joint limits."),
     "long_bag": ("benchmarks.long_bag", "Report a bag of a million messages: five minutes."),
+    "view_page": ("benchmarks.view_page", "Drag the target of the page: twenty minutes."),
     "node": ("benchmarks.node.command", "ik_node beside a node that does nothing: half an hour."),
 }
 #: Run when no name is given.
