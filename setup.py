@@ -20,6 +20,11 @@ SHARED_FILES = (
     ("models", "*.onnx"),
 )
 
+#: Writing and reading bags without ROS.
+BAGS = ["lz4>=4.0", "mcap>=1.1", "rosbags>=0.10", "zstandard>=0.18"]
+#: Pages with plots.
+PLOTS = ["jinja2>=3.1", "matplotlib>=3.6"]
+
 ROOT = Path(__file__).resolve().parent
 
 
@@ -111,25 +116,37 @@ setup(
     ext_modules=[kernel()],
     cmdclass={"build_ext": BuildKernel},
     data_files=data_files(),
+    # To solve, and to serve where a ROS 2 is sourced; whatever else annik does is an extra.
     # The libraries read stay with the lowest versions known to work: Ubuntu's ROS 2 Jazzy is built
     # for numpy 1.26. constraints.txt holds the versions that ./run installs and tests.
     install_requires=[
         "click>=8.1",
-        "jinja2>=3.1",
-        "lz4>=4.0",
-        "matplotlib>=3.6",
-        "mcap>=1.1",
-        "mcap-ros2-support>=0.5",
         "numpy>=1.26",
         "onnxruntime>=1.18",
         "protobuf>=3.20",
         "pyyaml>=6.0",
         "rich>=13.0",
-        "rosbags>=0.10",
         "scipy>=1.11",
-        "zstandard>=0.18",
     ],
     extras_require={
+        # What the nodes need on a robot: with bag_recorder.
+        "serve": BAGS,
+        # The report of a bag.
+        "report": [*BAGS, *PLOTS],
+        # ``annik design``, ``train``, ``calibrate`` and ``evaluate``, with their pages and plots.
+        "train": [
+            *PLOTS,
+            "onnx>=1.16",
+            "onnxscript>=0.2",
+            "sympy>=1.12",
+            "torch>=2.4",
+        ],
+        # The page in the browser, and the interactive report.
+        "view": ["plotly>=6.0", "viser>=1.0", "websockets>=14.0"],
+        # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
+        "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
+        # ``./run study`` and ``./run paper``: jobs on all processors, or on a Dask cluster.
+        "study": ["distributed>=2024.8", "joblib>=1.4"],
         # What the kinematics of arms are tested against.
         "oracles": ["pin>=3.0"],
         # The solvers that ``./run bench ik`` compares with; KDL comes from the system's packages.
@@ -141,15 +158,6 @@ setup(
             "pytracik>=0.0.3",
             "roboticstoolbox-python>=1.1",
         ],
-        "training": [
-            "joblib>=1.4",
-            "onnx>=1.16",
-            "onnxscript>=0.2",
-            "sympy>=1.12",
-            "torch>=2.4",
-        ],
-        # The page in the browser, and the interactive report.
-        "view": ["plotly>=6.0", "viser>=1.0", "websockets>=14.0"],
         # The documentation as a site, and its notebook.
         "docs": [
             "ipykernel>=6.29",
@@ -159,12 +167,12 @@ setup(
         ],
         # colcon takes an extra of this name that has pytest for the order to run it.
         "test": ["hypothesis", "pytest"],
-        # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
-        "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         "dev": [
             "colcon-common-extensions",
             "flake8",
             "hypothesis",
+            # An independent reader of the bags.
+            "mcap-ros2-support>=0.5",
             "mypy",
             # Drives a Chromium that is installed, in tests and for screenshots.
             "playwright",

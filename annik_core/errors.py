@@ -32,25 +32,27 @@ def listed(names: Sequence[str]) -> str:
     return f"{shown}, ..." if len(names) > 12 else shown
 
 
-_ROS = "source /opt/ros/jazzy/setup.bash in this terminal, or pip install 'annik_ros[ros]'"
+def _extra(name: str) -> str:
+    """The command that adds an extra of ``setup.py`` to an installation of any kind."""
+    return f"pip install 'annik_ros[{name}]'"
+
+
+_ROS = f"source /opt/ros/jazzy/setup.bash in this terminal, or {_extra('ros')}"
+_BAGS = f"{_extra('serve')}; for reports too {_extra('report')}"
 #: What to install for each library that annik may lack, by the name that Python imports.
 _REMEDIES = {
     "google": "sudo apt install python3-protobuf, or pip install protobuf",
-    "jinja2": "sudo apt install python3-jinja2, or pip install jinja2",
-    "matplotlib": "sudo apt install python3-matplotlib, or pip install matplotlib",
-    "mcap": "pip install mcap mcap-ros2-support",
+    "jinja2": f"sudo apt install python3-jinja2, or {_extra('report')}",
+    "matplotlib": f"sudo apt install python3-matplotlib, or {_extra('report')}",
     "numpy": "sudo apt install python3-numpy, or pip install numpy",
     "scipy": "sudo apt install python3-scipy, or pip install scipy",
     "yaml": "sudo apt install python3-yaml, or pip install pyyaml",
     **dict.fromkeys(("builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"), _ROS),
-    **dict.fromkeys(
-        ("joblib", "onnx", "onnxscript", "sympy", "torch"), "pip install '.[training]'"
-    ),
-    **dict.fromkeys(("plotly", "viser"), "pip install '.[view]'"),
-    **{
-        name: f"pip install {name}"
-        for name in ("click", "onnxruntime", "rich", "rosbags", "ruamel", "zstandard")
-    },
+    **dict.fromkeys(("lz4", "mcap", "rosbags", "ruamel", "zstandard"), _BAGS),
+    **dict.fromkeys(("onnx", "onnxscript", "sympy", "torch"), _extra("train")),
+    **dict.fromkeys(("plotly", "viser"), _extra("view")),
+    **dict.fromkeys(("distributed", "joblib"), _extra("study")),
+    **{name: f"pip install {name}" for name in ("click", "onnxruntime", "rich")},
 }
 
 

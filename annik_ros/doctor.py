@@ -14,11 +14,14 @@ from annik_core.installation import annik_version, default_model_path, model_pat
 from annik_core.kernel import NO_KERNEL, StaleKernel, compiled_kernel
 from annik_core.model.artifact import load_model
 
-#: Required by the nodes.
-_LIBRARIES = ("numpy", "scipy", "protobuf", "onnxruntime", "mcap", "rosbags")
+#: Required to solve and to serve.
+_LIBRARIES = ("numpy", "scipy", "protobuf", "onnxruntime")
 #: Required by parts of annik, with the part.
 _OPTIONAL_LIBRARIES = {
-    "torch": "training: pip install 'annik_ros[training]'",
+    "mcap": "bags: pip install 'annik_ros[serve]'",
+    "matplotlib": "reports: pip install 'annik_ros[report]'",
+    "torch": "training: pip install 'annik_ros[train]'",
+    "viser": "the page in the browser: pip install 'annik_ros[view]'",
 }
 _SUPPORTED_PYTHON = ((3, 10), (3, 13))
 _DISTRIBUTION = "jazzy"

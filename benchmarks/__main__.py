@@ -19,6 +19,7 @@ BENCHMARKS = {
         "Calibrate real arms from public measurements, by annik and by others.",
     ),
     "ik": ("benchmarks.ik.command", "Inverse kinematics beside the solvers of others."),
+    "install": ("benchmarks.install", "Install annik for every use, and try it: minutes."),
     "robots": ("benchmarks.robots.command", "Every URDF of a folder, within its joint limits."),
     "long_bag": ("benchmarks.long_bag", "Report a bag of a million messages: five minutes."),
     "view_page": ("benchmarks.view_page", "Drag the target of the page: twenty minutes."),

@@ -30,8 +30,8 @@ setup_peers() { # .venv-peers: annik without torch, and the solvers that it is c
 
 install_peers() { # all at once; if one of them can't be installed, each by itself
   local pip=("$peers/bin/python" -m pip install -c "$root/constraints-peers.txt") one
-  "${pip[@]}" -e "$root[peers,arms]" >>"$log" 2>&1 && return
-  "${pip[@]}" -e "$root[arms]" >>"$log" 2>&1 || failed "pip install"
+  "${pip[@]}" -e "$root[peers,oracles]" >>"$log" 2>&1 && return
+  "${pip[@]}" -e "$root[oracles]" >>"$log" 2>&1 || failed "pip install"
   while read -r one; do
     "${pip[@]}" "$one" >>"$log" 2>&1 </dev/null ||
       say "can't install $one: the benchmark goes without it"

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install '.[view]'")
+pytest.importorskip("viser", reason="the page needs viser: pip install 'annik_ros[view]'")
 
 import msgspec
 import viser

@@ -12,7 +12,9 @@ import pytest
 from click.testing import CliRunner
 from support.robot_recording import RobotRecording, diagnostics
 
-pytest.importorskip("plotly", reason="the interactive report needs plotly: pip install '.[view]'")
+pytest.importorskip(
+    "plotly", reason="the interactive report needs plotly: pip install 'annik_ros[view]'"
+)
 
 from annik_training.cli.report import report as command
 from docs.browser import browser, chromium

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
+import re
 import shutil
-import subprocess
 import sysconfig
 import zipfile
 from collections.abc import Iterator
@@ -17,6 +16,18 @@ from support.source_tree import (
     QUICK_BUILD,
     SHARED_FOLDERS,
     copy_of_the_tree,
+)
+
+from benchmarks.install import (
+    LEAN,
+    MODEL,
+    SERVE,
+    TRAIN,
+    InstallationFailed,
+    call,
+    environment,
+    pip_install,
+    try_out,
 )
 
 pytestmark = [pytest.mark.process, pytest.mark.slow]
@@ -104,30 +115,44 @@ def test_every_module_is_imported_from_it(wheel: zipfile.ZipFile, tmp_path: Path
     shutil.rmtree(tmp_path / "installed")
 
 
-def test_it_solves_ur5e_in_a_clean_environment_with_its_kernel(
-    wheel_file: Path, tmp_path: Path
+@pytest.fixture(scope="module")
+def serving(wheel_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of an environment for serving, where nothing else is installed."""
+    with pytest.MonkeyPatch.context() as patch:
+        # What is not imported need not be compiled.
+        patch.setenv("PIP_NO_COMPILE", "1")
+        python = environment(tmp_path_factory.mktemp("clean") / "environment")
+        try:
+            pip_install(python, f"{wheel_file}[serve,ros]")
+        except InstallationFailed as error:
+            if "from versions: none" in error.said:
+                pytest.skip("pip reaches no package index")
+            raise
+    return python
+
+
+def test_it_serves_without_torch_and_matplotlib_and_with_its_kernel(
+    serving: Path, tmp_path: Path
 ) -> None:
-    """Where nothing else is installed than what the wheel asks for."""
-    clean = tmp_path / "clean"
-    python = clean / "bin" / "python"
-    made = run_python("-m", "venv", "--without-pip", clean)
-    assert made.returncode == 0, made.stderr
-    pip = ("-m", "pip", "--python", python, "install", "-q", "-c", ROOT / "constraints.txt")
-    installed = run_python(*pip, wheel_file, cwd=tmp_path, patience=LONG_PATIENCE)
-    if "from versions: none" in installed.stderr:
-        pytest.skip("pip reaches no package index")
-    assert installed.returncode == 0, installed.stderr
-    solved = subprocess.run(
-        [python, ROOT / "tests" / "packaging" / "solve_ur5e.py"],
-        cwd=tmp_path,
-        env={"PATH": os.environ["PATH"]},
-        capture_output=True,
-        text=True,
-        timeout=LONG_PATIENCE,
-        check=False,
-    )
-    assert solved.returncode == 0, solved.stderr
-    assert Path(solved.stdout.strip()).is_relative_to(clean)
+    """A pose in Python, and a target at its node."""
+    script = (ROOT / "tests" / "packaging" / "solve_ur5e.py").read_text(encoding="utf-8")
+    kernel = call("solve_ur5e.py", [serving, "-c", LEAN + script], tmp_path)
+    assert Path(kernel.strip()).is_relative_to(serving.parents[1])
+    try_out(serving, SERVE, tmp_path)
+
+
+def test_what_is_missing_for_training_is_added_by_the_command_in_the_error(
+    serving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Then the gantry is trained."""
+    monkeypatch.setenv("PIP_NO_COMPILE", "1")
+    with pytest.raises(InstallationFailed) as caught:
+        train = ["-m", "annik_training.cli", "train", "--out", MODEL]
+        call("annik train", [serving, *train], tmp_path)
+    (named,) = re.findall(r"pip install '(annik_ros\[\w+\])'", caught.value.said)
+    pip_install(serving, named)
+    try_out(serving, TRAIN, tmp_path)
+    assert (tmp_path / MODEL).is_file()
 
 
 def test_without_a_compiler_it_is_built_without_the_kernel_and_says_so(tmp_path: Path) -> None:

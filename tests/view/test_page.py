@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install '.[view]'")
+pytest.importorskip("viser", reason="the page needs viser: pip install 'annik_ros[view]'")
 pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
 from annik_view.page import Page

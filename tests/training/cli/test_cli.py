@@ -373,8 +373,8 @@ def test_evaluate_prints_the_errors_of_a_model() -> None:
 @pytest.mark.parametrize(
     ("library", "command", "remedy"),
     [
-        ("torch", ["train", "--steps", "3", "--out", "m.onnx"], "pip install '.[training]'"),
-        ("rosbags", ["report", "."], "pip install rosbags"),
+        ("torch", ["train", "--steps", "3", "--out", "m.onnx"], "pip install 'annik_ros[train]'"),
+        ("rosbags", ["report", "."], "pip install 'annik_ros[report]'"),
         ("onnxruntime", ["info", "gantry"], "pip install onnxruntime"),
         ("yaml", ["--help"], "pip install pyyaml"),
         ("click", ["--help"], "pip install click"),
