@@ -180,7 +180,7 @@ def install(quick: bool, out: Path, docs: Path | None) -> None:
         markdown_table(header, rows, numbers=2),
         "",
         "Each was installed into an empty environment, with the versions of `constraints.txt`, "
-        "and then tried: a pose was solved, a target sent to a node and answered, a model trained. "
+        "and then tried: a pose solved, a target sent to a node and answered, a model trained. "
         f"Sizes are with annik, without Python. Torch is the one without CUDA. {machine()}",
     ]
     write_table("install", lines, folders)
