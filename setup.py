@@ -68,8 +68,8 @@ def kernel() -> Extension:
         depends=[str(path.relative_to(ROOT)) for path in sorted((ROOT / folder).glob("*.hpp"))],
         include_dirs=include,
         define_macros=[("ANNIK_KERNEL_SOURCES", f'"{sources_hash(ROOT / folder)}"')],
-        # Without contraction every processor rounds alike; what debuggers need would be nine tenths
-        # of the module. CXXFLAGS come last, to have their way.
+        # Without contraction every processor rounds alike; what debuggers need would be nine
+        # tenths of the module. CXXFLAGS come last, to have their way.
         extra_compile_args=[
             *("-std=c++17", "-O3", "-g0", "-fvisibility=hidden", "-ffp-contract=off"),
             *os.environ.get("CXXFLAGS", "").split(),
