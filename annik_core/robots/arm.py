@@ -149,6 +149,7 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
             **({} if corrections is None else {"corrections": corrections.to_dict()}),
         },
         error_bound=None if corrections is None else corrections.error_bound,
+        masses=chain.masses,
     )
 
 

@@ -160,6 +160,9 @@ class Robot:
             continuous joints after some full turns.
         error_bound: of a calibrated robot, how far it may be from these forward kinematics; None
             if unknown.
+        masses: of an arm's links [kg], ``(dof,)``, at the places of
+            :class:`annik_core.robots.corrections.Deflection`; None if its URDF has none. They are
+            no part of the definition.
     """
 
     name: str
@@ -174,6 +177,7 @@ class Robot:
     workspace: Workspace
     definition: Mapping[str, Any]
     error_bound: "ErrorBound | None" = None
+    masses: tuple[float, ...] | None = None
 
     @property
     def dof(self) -> int:

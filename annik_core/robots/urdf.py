@@ -13,6 +13,7 @@ import numpy as np
 
 from annik_core.pose import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from annik_core.robots.errors import InvalidRobotDefinition
+from annik_core.robots.link_masses import masses_at_places
 from annik_core.robots.urdf_joint import UrdfJoint
 from annik_core.robots.urdf_text import parsed
 from annik_core.robots.urdf_tree import UrdfTree
@@ -27,6 +28,8 @@ class SerialChain:
         lower: lower limits [rad or m]; for a continuous joint
             :data:`annik_core.robots.urdf_joint.CONTINUOUS_LIMIT`.
         soft_lower: lower limits within the soft limits of ``<safety_controller>``.
+        masses: of the links [kg], at the places of a deflection; see
+            :func:`annik_core.robots.link_masses.masses_at_places`. None: not in the URDF.
     """
 
     name: str
@@ -39,6 +42,7 @@ class SerialChain:
     upper: tuple[float, ...]
     soft_lower: tuple[float, ...]
     soft_upper: tuple[float, ...]
+    masses: tuple[float, ...] | None = None
 
 
 def serial_chain(
@@ -86,6 +90,7 @@ def serial_chain(
         upper=tuple(joint.limits[1] for joint in moving),
         soft_lower=tuple(joint.soft_limits[0] for joint in moving),
         soft_upper=tuple(joint.soft_limits[1] for joint in moving),
+        masses=masses_at_places(root, tree, base, path),
     )
 
 

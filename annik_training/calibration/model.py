@@ -66,8 +66,9 @@ _ANGLE, _LENGTH = 0.3 * _DEGREE, 1e-3
 _JOINT_ANGLE, _JOINT_LENGTH = 0.3 * _DEGREE, 0.3e-3
 #: Of the first order of a joint's series, revolute [rad] and prismatic [m]; of order k a k-th.
 _SERIES_ANGLE, _SERIES_LENGTH = 0.1 * _DEGREE, 1e-4
-#: Of a joint's compliance, per moment arm [rad/m].
-_COMPLIANCE = 1e-3
+#: Of a joint's compliance, per moment arm [rad/m]; where masses are known, per moment [rad/(N m)].
+_COMPLIANCE, _COMPLIANCE_OF_MASSES = 1e-3, 2e-5
+_GRAVITY = 9.81
 #: Of a hidden unit's input weight, per half width of the joint box.
 _INPUT_WEIGHT = 1.5
 #: Of the pose network's outputs: linear [m], angular [rad].
@@ -122,6 +123,8 @@ class ParametricModel:
             f"{joints[joint]}: compliance to the weight after joint {place + 1}"
             for joint, place in self._pairs
         ]
+        if self._has_masses:
+            names += [f"{joint}: compliance to the weight of the links" for joint in joints]
         if Part.JOINT_SERIES in self.parts:
             names += [correction_name(joint) for joint in joints for _ in range(2 * ORDERS)]
         if Part.JOINT_NETWORKS in self.parts:
@@ -147,8 +150,10 @@ class ParametricModel:
         """
         start, pairs = len(self.errors), len(self._pairs)
         groups = [start + np.arange(pairs)] if pairs else []
+        if self._has_masses:
+            groups.append(start + pairs + np.arange(self.robot.dof))
         if Part.JOINT_SERIES in self.parts:
-            indices = start + pairs + np.arange(self.robot.dof * 2 * ORDERS)
+            indices = self._series_start + np.arange(self.robot.dof * 2 * ORDERS)
             series = indices.reshape(self.robot.dof, 2, ORDERS)
             groups += [series[..., np.array(band) - 1].ravel() for band in BANDS]
         return tuple(groups)
@@ -184,18 +189,17 @@ class ParametricModel:
     def evaluate(self, parameters: FloatArray, joint_positions: FloatArray) -> Evaluated:
         """The same, with derivatives by the parameters."""
         positions, rotations, screws, joint_screws = self._forward(parameters, joint_positions)
-        columns = np.empty((len(joint_positions), 6, self.size))
+        columns = np.zeros((len(joint_positions), 6, self.size))
         for index, (error, screw) in enumerate(zip(self.errors, screws, strict=True)):
             columns[:, :, index] = _column(screw, positions) * _unit(error)
         joints, pose = self._split(parameters)
         place = len(self.errors)
         motions = [_column(screw, positions) for screw in joint_screws]
         if self._pairs:
-            moments = self._moments(joint_positions)
-            for joint, later in self._pairs:
-                moment = _COMPLIANCE * moments[:, joint, later]
-                columns[:, :, place] = motions[joint] * moment[:, None]
-                place += 1
+            turns = self._deflection_functions(joint_positions)
+            for motion, own in zip(motions, np.swapaxes(turns, 0, 1), strict=True):
+                columns[:, :, place : self._series_start] += motion[:, :, None] * own[:, None, :]
+            place = self._series_start
         if Part.JOINT_SERIES in self.parts:
             functions = self._series_functions(joint_positions)
             for motion, own in zip(motions, np.swapaxes(functions, 0, 1), strict=True):
@@ -248,16 +252,47 @@ class ParametricModel:
             for place in range(joint, dof)
         )
 
+    @property
+    def _has_masses(self) -> bool:
+        """Whether each joint has a compliance to the weights that are known."""
+        return bool(self._pairs) and self.robot.masses is not None
+
+    @cached_property
+    def _compliances(self) -> FloatArray:
+        """``(parameters, dof, dof)`` compliances [rad/m] of the deflection by its parameters.
+
+        Where masses are known, a joint has one for all of them, and those for each place are what
+        the masses leave unexplained: without need their common size vanishes.
+        """
+        dof, pairs = self.robot.dof, len(self._pairs)
+        compliances = np.zeros((self._series_start - len(self.errors), dof, dof))
+        for number, (joint, place) in enumerate(self._pairs):
+            compliances[number, joint, place] = _COMPLIANCE
+            if self.robot.masses is not None:
+                weight = _GRAVITY * self.robot.masses[place]
+                compliances[pairs + joint, joint, place] = _COMPLIANCE_OF_MASSES * weight
+        return compliances
+
+    @cached_property
+    def _series_start(self) -> int:
+        """Number of the parameters of geometry and deflection."""
+        own = len(self._pairs) + self.robot.dof * self._has_masses
+        return len(self.errors) + own
+
     def _moments(self, joint_positions: FloatArray) -> FloatArray:
         return gravity_moments(self._chain, joint_positions, np.array(self.gravity))
+
+    def _deflection_functions(self, joint_positions: FloatArray) -> FloatArray:
+        """Derivatives ``(n, dof, p)`` of the joints' deflections by their parameters."""
+        moments = self._moments(joint_positions)
+        functions: FloatArray = np.einsum("njk,pjk->njp", moments, self._compliances)
+        return functions
 
     def _deflection(self, parameters: FloatArray) -> Deflection | None:
         if not self._pairs:
             return None
-        compliances = np.zeros((self.robot.dof, self.robot.dof))
-        own = parameters[len(self.errors) : len(self.errors) + len(self._pairs)]
-        compliances[tuple(np.transpose(self._pairs))] = _COMPLIANCE * own
-        return Deflection(compliances, np.array(self.gravity))
+        own = parameters[len(self.errors) : self._series_start]
+        return Deflection(np.tensordot(own, self._compliances, 1), np.array(self.gravity))
 
     @cached_property
     def _series_units(self) -> FloatArray:
@@ -278,8 +313,7 @@ class ParametricModel:
     def _joint_series(self, parameters: FloatArray) -> JointHarmonics | None:
         if Part.JOINT_SERIES not in self.parts:
             return None
-        start = len(self.errors) + len(self._pairs)
-        size = self.robot.dof * 2 * ORDERS
+        start, size = self._series_start, self.robot.dof * 2 * ORDERS
         own = parameters[start : start + size].reshape(self.robot.dof, 2, ORDERS)
         own = own * self._series_units[:, None, :]
         return JointHarmonics(self._frequencies, own[:, 0].copy(), own[:, 1].copy())
@@ -346,7 +380,7 @@ class ParametricModel:
 
     def _networks(self, parameters: FloatArray) -> FloatArray:
         """A view of the weights of networks."""
-        linear = len(self.errors) + len(self._pairs)
+        linear = self._series_start
         if Part.JOINT_SERIES in self.parts:
             linear += self.robot.dof * 2 * ORDERS
         return parameters[linear : self.size]

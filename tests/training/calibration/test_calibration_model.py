@@ -77,6 +77,30 @@ class TestModel:
         assert len(model.names) == model.size == len(model.start(np.random.default_rng(0)))
         assert len(model.errors) == len(set(model.names[: len(model.errors)]))
 
+    def test_known_masses_are_a_compliance_of_each_joint(self) -> None:
+        """The same turn per newton metre, whichever link causes it."""
+        masses = (5.0, 4.0, 3.0, 2.0, 1.0, 0.5)
+        robot = replace(robot_named("ur5e"), masses=masses)
+        model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.DEFLECTION}))
+        assert model.size == len(model.names) == len(model.errors) + 21 + 6
+        parameters = np.zeros(model.size)
+        parameters[-5] = 1.0
+        deflection = model.corrections(parameters).deflection
+        assert deflection is not None
+        turns = deflection.compliances[1, 1:] / masses[1:]
+        assert turns == pytest.approx(turns[0])
+        assert 1e-5 < turns[0] / 9.81 < 1e-4
+        joint_positions = robot.joint_box.sample(5, np.random.default_rng(1))
+        step = 1e-4
+        moved = parameters.copy()
+        moved[-5] += step
+        before, after = (
+            model.positions_and_rotations(these, joint_positions)[0]
+            for these in (parameters, moved)
+        )
+        columns = model.evaluate(parameters, joint_positions).columns
+        assert columns[:, :3, -5] == pytest.approx((after - before) / step, abs=1e-7)
+
     def test_derivatives_are_finite_differences(
         self, robot: Robot, parts: frozenset[Part]
     ) -> None:
