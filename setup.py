@@ -142,7 +142,7 @@ setup(
             "torch>=2.4",
         ],
         # The page in the browser, and the interactive report.
-        "view": ["plotly>=6.0", "viser>=1.0", "websockets>=14.0"],
+        "view": ["plotly>=6.0", "trimesh>=4.0", "viser>=1.0", "websockets>=14.0"],
         # For machines without ROS 2: rclpy and the messages of Jazzy as wheels.
         "ros": ["ros-jazzy-common-interfaces", "ros-jazzy-rclpy[fastrtps]"],
         # ``./run study`` and ``./run paper``: jobs on all processors, or on a Dask cluster.

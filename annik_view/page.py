@@ -182,6 +182,12 @@ class Page:
         )
         scene.add_frame("/base", axes_length=0.15 * reach, axes_radius=0.006 * reach)
         self._arm = _Arm.added(scene, "arm", state.posture(), reach, (_LINK, _BLUE))
+        self._meshes = [
+            scene.add_mesh_simple(f"/mesh/{number}", *one.mesh, color=_LINK)
+            for number, one in enumerate(state.meshes)
+        ]
+        if self._meshes:
+            self._arm.links.visible = self._arm.joints.visible = False
         nominal = state.magnified_nominal(state.suited_magnification)
         self._nominal = nominal and _Arm.added(
             scene, "nominal", nominal, reach, (_NOMINAL, _NOMINAL), opacity=0.6
@@ -319,6 +325,7 @@ class Page:
             self._arm.move(posture)
             colour = _RED if state.refused else _BLUE
             self._arm.joints.color = self._target.color = colour
+            self._draw_meshes()
             if self._nominal is not None:
                 nominal = state.magnified_nominal(float(self._magnification.value))
                 assert nominal is not None
@@ -337,6 +344,14 @@ class Page:
                 self._examples.colors = self._example_colours()
             self._readout.content = _table(state, drives=self._driving())
             self._draw_solutions()
+
+    def _draw_meshes(self) -> None:
+        for mesh, pose in zip(self._meshes, self.state.mesh_poses(), strict=True):
+            mesh.visible = pose is not None
+            mesh.color = _RED if self.state.refused else _LINK
+            if pose is not None:
+                x, y, z, w = pose[3:]
+                mesh.position, mesh.wxyz = np.array(pose[:3]), (w, x, y, z)
 
     def _draw_solutions(self) -> None:
         solutions = self.state.solutions

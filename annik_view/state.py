@@ -3,6 +3,7 @@
 import math
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -12,9 +13,11 @@ from numpy.typing import ArrayLike
 
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.reachable_paths import start_positions
+from annik_core.robots.description import link_poses
 from annik_core.robots.robot import Robot
 from annik_core.solver.ik_solver import IkSolver
 from annik_core.solver.result import IkResult
+from annik_view.meshes import LinkMesh
 from annik_view.skeleton import Posture, Skeleton
 from annik_view.solvers import nominal_of
 
@@ -79,6 +82,7 @@ class ViewState:
         target_trail, achieved_trail: positions ``(3,)`` [m], oldest first.
         path: targets ``(n, 7)`` that are being played, and ``path_index``, the next of them.
         examples: examples that are shown where they put the end effector; None: no design.
+        meshes: what the links look like, in place of tubes; empty: unknown.
     """
 
     solver: IkSolver
@@ -94,6 +98,7 @@ class ViewState:
     path_index: int = 0
     following: Following = _UNKNOWN
     examples: Examples | None = None
+    meshes: Sequence[LinkMesh] = ()
 
     def __post_init__(self) -> None:
         """Put the robot where it is seen well, and the target at its end effector."""
@@ -204,6 +209,14 @@ class ViewState:
     def posture(self) -> Posture:
         """Links and joints of the robot as shown."""
         return self.skeleton.posture(self.joint_positions)
+
+    def mesh_poses(self) -> list[list[float] | None]:
+        """The pose ``(7,)`` of each of :attr:`meshes`; None: its link is not one of the arm's."""
+        if not self.meshes:
+            return []
+        poses = link_poses(self.robot, self.joint_positions)
+        poses[self.robot.base_frame] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+        return [poses.get(mesh.link) for mesh in self.meshes]
 
     def magnified_nominal(self, magnification: float) -> Posture | None:
         """The nominal arm at the same joint positions, its difference magnified."""

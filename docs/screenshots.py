@@ -3,11 +3,14 @@
 import sys
 import threading
 import time
+from collections.abc import Callable, Mapping
 
 from annik_core.installation import share_directory
+from annik_core.robots.library import load_robot
+from annik_training.designs.registry import generate_dataset
 from annik_view.page import Page
-from annik_view.solvers import solver_of
-from annik_view.state import ViewState
+from annik_view.solvers import solver_for, solver_of
+from annik_view.state import Examples, ViewState
 from docs.browser import PATIENCE, browser, chromium
 
 WIDTH, HEIGHT = 1100, 640
@@ -30,11 +33,27 @@ def refused(page: Page) -> None:
     """Ask for a target out of reach."""
     target = page.state.target.copy()
     # Beside the arm, where the panel is not.
-    target[:3] = [-0.85, -0.68, 0.45]
+    target[:3] = [-0.72, -0.5, 0.75]
     page.state.move_target(target)
 
 
-SHOTS = {"view_solutions": solutions, "view_refused": refused}
+def arm() -> ViewState:
+    """An arm alone."""
+    return ViewState(solver_of("ur5e"))
+
+
+def design() -> ViewState:
+    """A design of experiments, as ``annik design --view`` shows it."""
+    dataset = generate_dataset(load_robot("ur5e"), "sobol", 100, seed=0)
+    examples = Examples(dataset.joint_positions, dataset.poses[:, :3])
+    return ViewState(solver_for(dataset.robot), examples=examples)
+
+
+SHOTS: Mapping[str, tuple[Callable[[], ViewState], Callable[[Page], None]]] = {
+    "view_solutions": (arm, solutions),
+    "view_refused": (arm, refused),
+    "view_examples": (design, lambda page: page.state.show_example(7)),
+}
 
 
 def main() -> None:
@@ -42,8 +61,8 @@ def main() -> None:
     executable = chromium()
     if executable is None:
         sys.exit("no Chromium: sudo apt install chromium")
-    for name, change in SHOTS.items():
-        page = Page(ViewState(solver_of("ur5e")), port=8501)
+    for name, (state, change) in SHOTS.items():
+        page = Page(state(), port=8501)
         thread = threading.Thread(target=page.run)
         thread.start()
         with browser(executable, WIDTH, HEIGHT) as tab:

@@ -54,7 +54,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
         "simulation",
         "collection",
     ),
-    "annik_view": ("skeleton", "shapes", "solvers", "state", "server", "page"),
+    "annik_view": ("skeleton", "shapes", "meshes", "solvers", "state", "server", "page"),
     "annik_training": (
         "errors",
         "networks",

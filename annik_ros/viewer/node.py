@@ -24,6 +24,7 @@ from annik_ros.measured_joint_positions import MeasuredJointPositions
 from annik_ros.qos import reliable
 from annik_ros.run_node import run_node
 from annik_ros.viewer.parameters import ViewerParameters
+from annik_view.meshes import link_meshes
 from annik_view.page import RATE, Page
 from annik_view.server import is_local, open_to_others
 from annik_view.solvers import solver_for, solver_of
@@ -70,9 +71,11 @@ class Viewer(Node):
         self._is_placed = False
         self._shown: tuple[object, ...] = ()
         self._publisher = self.create_publisher(Pose, TARGET_POSE.name, reliable(1))
+        is_urdf = not parameters.model and plan is None
+        meshes = link_meshes(parameters.robot) if is_urdf else []
         examples = None if plan is None else Examples(plan.joint_positions, plan.poses[:, :3])
         self.page = Page(
-            ViewState(solver, follows=True, examples=examples),
+            ViewState(solver, follows=True, examples=examples, meshes=meshes),
             host=parameters.host,
             port=parameters.port,
             drive=self._publish if parameters.drive else None,

@@ -4,6 +4,7 @@ from contextlib import suppress
 
 import click
 
+from annik_view.meshes import link_meshes
 from annik_view.page import Page
 from annik_view.server import LOCALHOST, PORT, is_local, open_to_others
 from annik_view.solvers import solver_of
@@ -27,7 +28,7 @@ def view(
     solver = solver_of(robot, base_frame=base_frame, end_effector_frame=end_effector_frame)
     if not is_local(host):
         click.echo(f"warning: {open_to_others(host)}", err=True)
-    show_page(ViewState(solver), host=host, port=port)
+    show_page(ViewState(solver, meshes=link_meshes(robot)), host=host, port=port)
 
 
 def show_page(state: ViewState, host: str = LOCALHOST, port: int = PORT) -> None:

@@ -32,7 +32,7 @@ ROSDEP_KEYS = {
     "zstandard": "mcap-ros2-support",
 }
 #: Without a key, or for training only: package.xml says to get them by pip.
-BY_PIP = {"onnx", "onnxscript", "plotly", "sympy", "torch", "viser", "websockets"}
+BY_PIP = {"onnx", "onnxscript", "plotly", "sympy", "torch", "trimesh", "viser", "websockets"}
 #: Their names at PyPI, where those differ.
 DISTRIBUTIONS = {
     "google": "protobuf",
