@@ -41,8 +41,9 @@ class NoSuggestion(AnnikError):
 def suggested_box(robot: Robot, around: FloatArray | None = None) -> JointLimits:
     """The largest box that a search finds, inside the limits, without a singularity.
 
-    Redundant joints that are too many are locked. Around joint positions ``(dof,)`` [rad or m];
-    by default around those, of some hundreds, that are farthest from a singularity.
+    Joints that the robot's joint box locks stay locked, and redundant joints that are too many are
+    locked besides. Around joint positions ``(dof,)`` [rad or m]; by default around those, of some
+    hundreds, that are farthest from a singularity.
 
     Raises:
         NoSuggestion: if the positions are outside the limits, or too near to a singularity.
@@ -51,7 +52,8 @@ def suggested_box(robot: Robot, around: FloatArray | None = None) -> JointLimits
         raise NoSuggestion(
             f"{robot.name} is not an arm", "its joint box is that of its definition"
         )
-    limits, locks = robot.joint_limits, mobility(robot).locks
+    limits, free = robot.joint_limits, robot.joint_box.free
+    locks = [*mobility(robot).locks, *np.setdiff1d(np.arange(robot.dof), free).tolist()]
     sample = _inner_sample(robot, locks)
     if around is None:
         around = sample[np.argmax(regularity(robot, sample))]

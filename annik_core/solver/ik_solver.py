@@ -259,9 +259,13 @@ class IkSolver:
         return [result for result in results if result.accepted]
 
     def _network_starts(self, target: FloatArray) -> FloatArray:
-        """The network's joint positions ``(n, dof)``, those that are finite."""
+        """The network's joint positions ``(n, dof)`` that are finite, refined in a box before."""
         starts = self.artifact.joint_positions_at(target)[np.newaxis]
-        return starts[np.isfinite(starts).all(axis=1)]
+        starts = starts[np.isfinite(starts).all(axis=1)]
+        if not len(starts) or self.robot.has_whole_box:
+            return starts
+        # The solution in the joint box, where there is one, is the preferred one.
+        return np.concatenate([[self._refinement.refine(starts[0], target)[0]], starts])
 
     def solve_batch(self, poses: ArrayLike, threads: int | None = None) -> Sequence[IkResult]:
         """Results for many poses ``(n, 7)``, each on its own, as :meth:`solve` gives them.

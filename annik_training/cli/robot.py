@@ -96,7 +96,8 @@ def joint_positions_of(robot: Robot, given: tuple[str, ...]) -> FloatArray | Non
 
 def box_options(box: JointLimits) -> str:
     """A joint box as options to paste; numbers are rounded inwards."""
-    rounded = np.ceil(box.lower * 1e3) / 1e3, np.floor(box.upper * 1e3) / 1e3
+    # Zero is added because ceil gives -0.
+    rounded = np.ceil(box.lower * 1e3) / 1e3 + 0.0, np.floor(box.upper * 1e3) / 1e3 + 0.0
     return " ".join(
         f"--joint-box {shlex.quote(name)}={_interval(min(low, high), high)}"
         for name, low, high in zip(box.joint_names, *map(list, rounded), strict=True)

@@ -68,3 +68,13 @@ def test_where_there_is_none(arm: Robot, gantry: Robot) -> None:
             suggested_box(arm, around)
     with pytest.raises(NoSuggestion):
         suggested_box(gantry)
+
+
+def test_a_joint_that_is_locked_stays_so() -> None:
+    """Of seven joints one, at the joint positions that were asked for."""
+    robot = load_robot("panda", joint_box={"panda_joint3": [0.0, 0.0]})
+    around = np.array([0.0, 0.0, 0.3, -1.5, 0.0, 1.8, 0.0])
+    found = suggested_box(robot, around)
+    assert found.free.tolist() == [0, 1, 3, 4, 5, 6]
+    assert found.lower[2] == around[2]
+    assert found.contains(around)

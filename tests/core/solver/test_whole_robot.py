@@ -101,6 +101,18 @@ class TestPreferred:
         assert all(result.accepted for result in results)
         assert sum(box.contains(result.joint_positions) for result in results) >= 49
 
+    def test_of_a_model_in_a_box_it_is_the_solution_of_that_model(self, ur5e: IkSolver) -> None:
+        robot = ur5e.robot
+        assert not robot.has_whole_box
+        boxed = IkSolver(ur5e.artifact, mode=SolverMode.REFINED)
+        for pose in robot.forward_kinematics.poses(
+            robot.joint_box.sample(40, np.random.default_rng(8))
+        ):
+            wanted = boxed.solve(pose)
+            if wanted.accepted:
+                found = ur5e.solve(pose).joint_positions
+                assert found == pytest.approx(wanted.joint_positions, abs=1e-5)
+
     def test_a_batch_is_the_same(self, ur5e: IkSolver) -> None:
         poses = np.array([pose_at(ur5e, HOME + shift) for shift in (0.0, 0.3, -0.4)])
         for one, pose in zip(ur5e.solve_batch(poses), poses, strict=True):

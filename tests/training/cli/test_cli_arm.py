@@ -18,10 +18,12 @@ from support.six_joint_arm import BASE, BOX, FLANGE, FRAMES, JOINT_BOX, JOINTS, 
 from annik_core.dataset import Dataset
 from annik_core.errors import InvalidValue
 from annik_core.model.artifact import load_model
+from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.library import load_robot
 from annik_core.solver.ik_solver import IkSolver, SolverMode
 from annik_training.cli import cli, main
 from annik_training.cli.options import FIT_NAMES, chosen_dataset, chosen_fit
+from annik_training.cli.robot import box_options
 from annik_training.cli.train import ConflictingOptions, train
 from annik_training.defaults import DEFAULTS, WHOLE_ARM
 from annik_training.fitting.options import FitOptions
@@ -169,6 +171,11 @@ def test_a_suggested_box_can_be_pasted(arm: Path) -> None:
     for wrong in ("elbow", "elbow=x", "knee=1"):
         refused = invoke("robot", arm, *FRAMES, "--suggest-box", "--around", wrong)
         assert isinstance(refused.exception, InvalidValue)
+
+
+def test_a_bound_of_zero_has_no_sign() -> None:
+    box = JointLimits.from_bounds(["a"], [-1e-4], [0.5])
+    assert box_options(box) == "--joint-box a=0:0.5"
 
 
 @pytest.mark.parametrize("source", ["arm.urdf", "ur5e", "panda", "iiwa14", "scara"])
