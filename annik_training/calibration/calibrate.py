@@ -21,11 +21,12 @@ from annik_core.robots.screw_chain import ScrewChain, motion_matrices
 from annik_core.settings import check_settings, setting
 from annik_training.calibration.errors import InvalidMeasurements, TooFewMeasurements
 from annik_training.calibration.estimation import LEAST_NOISE, Estimate, tuned
-from annik_training.calibration.frames import Frames, initial_frames
+from annik_training.calibration.frames import OTHER, Frames, check_known, initial_frames
 from annik_training.calibration.measurements import Measurements
 from annik_training.calibration.model import ParametricModel, Part, check_nominal_arm
 from annik_training.calibration.observations import Noise, Observations, check_measured_alike
 from annik_training.calibration.outliers import find_outliers
+from annik_training.calibration.repeatability import Repeatability, repeatability
 from annik_training.calibration.uncertainty import (
     check_explained,
     check_moved,
@@ -47,8 +48,6 @@ CANDIDATES: tuple[frozenset[Part], ...] = (
 _FIRST_NOISE = Noise(1e-3, 1e-3)
 #: A squared residual counts at most so many medians: a few large ones decide nothing.
 _LARGEST_RATIO = 25.0
-#: A tool that is off by more is another one than the end effector frame [m], [rad].
-_OTHER_TOOL = (0.02, math.radians(3.0))
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,10 @@ class Candidate:
 
     parts: frozenset[Part]
     parameters: int
-    #: Mean square of the leave-one-out residuals, in squared standard deviations of the noise that
-    #: the best candidate leaves: 1 is noise alone.
+    #: Mean square of the held-out residuals, in squared standard deviations of the noise that the
+    #: best candidate leaves: 1 is noise alone.
     score: float
-    standard_error: float  #: of the score
+    standard_error: float  #: of its difference from the least score
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +108,7 @@ class CalibratedRobot:
     outliers: NDArray[np.bool_]  #: ``(n,)`` the examples that were left out
     #: Geometric errors that the poses don't identify; they stay near nominal.
     unidentified: tuple[str, ...]
+    repeatability: Repeatability | None  #: None without repeated approaches
     options: CalibrationOptions
     seconds: float
 
@@ -144,6 +144,7 @@ def calibrate(
         RobotMismatch: if the poses were measured with other joints or frames.
         InvalidMeasurements: if they are of another number of joints.
         TooFewMeasurements: naming the least number.
+        OtherFrame: if a frame that is said to be known is another one.
         UnexplainedMeasurements: if the poses are not this robot's.
         ImplausibleErrors: if they are another robot's.
         DegenerateExamples: naming the joints to move.
@@ -183,12 +184,12 @@ def calibrate(
     if isinstance(measured, Dataset) and found.observations.frames.tool_unknowns:
         corrections = _with_tool(robot, corrections, frames.tool)
     unidentified = unidentified_parameters(found)
+    noise = Noise(*(sigma or (0.0, 0.0)))
+    repeated = repeatability(found, noise)
     corrections = replace(
         corrections,
         # What the measurements' own spread does not say is the robot's.
-        error_bound=error_bound_of(
-            found, Noise(*(sigma or (0.0, 0.0))), np.random.default_rng(options.seed)
-        ),
+        error_bound=error_bound_of(found, noise, np.random.default_rng(options.seed)),
         provenance={
             "examples": len(measured),
             "outliers": np.flatnonzero(outliers).tolist(),
@@ -198,6 +199,7 @@ def calibrate(
             "position_noise": found.noise.position,
             "orientation_noise": found.noise.orientation,
             "unidentified": list(unidentified),
+            "play": repeated.distance if repeated is not None and repeated.is_play else 0.0,
             "seed": options.seed,
         },
     )
@@ -211,6 +213,7 @@ def calibrate(
         candidates,
         outliers,
         unidentified,
+        repeated,
         options,
         time.perf_counter() - begin,
     )
@@ -221,20 +224,19 @@ def _frames(robot: Robot, measured: Dataset | Measurements, observations: Observ
     joint_positions = observations.joint_positions
     poses = robot.forward_kinematics.poses(joint_positions)
     where = poses[:, :3], Rotation.from_quat(poses[:, 3:]).as_matrix()
-    if not isinstance(measured, Dataset):
-        measurements = (
-            measured if observations.has_orientation else replace(measured, rotations=None)
-        )
-        return initial_frames(measurements, *where)
     rotations = observations.rotations if observations.has_orientation else None
-    measurements = Measurements(
-        joint_positions, observations.positions, rotations, frame_known=True
-    )
+    if isinstance(measured, Dataset):
+        positions = observations.positions
+        measurements = Measurements(joint_positions, positions, rotations, frame_known=True)
+    else:
+        measurements = replace(measured, rotations=rotations)
     frames = initial_frames(measurements, *where)
+    check_known(measurements, frames, *where)
+    if not isinstance(measured, Dataset):
+        return frames
     shift = float(np.linalg.norm(frames.tool[:3, 3]))
     turn = float(Rotation.from_matrix(frames.tool[:3, :3]).magnitude())
-    other = shift > _OTHER_TOOL[0] or turn > _OTHER_TOOL[1]
-    return frames if other else Frames.known()
+    return frames if shift > OTHER[0] or turn > OTHER[1] else Frames.known()
 
 
 def _with_tool(robot: Robot, corrections: ArmCorrections, tool: FloatArray) -> ArmCorrections:
@@ -284,30 +286,37 @@ def _best_estimate(
 
 
 def _judged(fits: Sequence[Estimate]) -> tuple[Candidate, ...]:
-    """Left-out residuals of all in the noise of the fit that leaves least."""
-    scaled = [
-        found.held_out_residuals
-        * np.repeat([found.noise.position, found.noise.orientation], 3)[: found.observations.rows]
-        for found in fits
-    ]
+    """Held-out residuals of all in the noise of the fit that leaves least."""
+    rows = fits[0].observations.rows
     best = min(fits, key=lambda found: found.noise.position).noise
-    unit = np.repeat([best.position, best.orientation], 3)[: fits[0].observations.rows]
-    judged = []
-    for found, residuals in zip(fits, scaled, strict=True):
-        squares = ((residuals / unit) ** 2).mean(axis=1)
-        squares = np.minimum(squares, _LARGEST_RATIO * float(np.median(squares)))
-        error = float(squares.std(ddof=1)) / math.sqrt(len(squares))
-        judged.append(Candidate(found.model.parts, found.model.size, float(squares.mean()), error))
-    return tuple(judged)
+    unit = np.repeat([best.position, best.orientation], 3)[:rows]
+    squares = []
+    for found in fits:
+        scale = np.repeat([found.noise.position, found.noise.orientation], 3)[:rows] / unit
+        square = ((found.held_out_residuals * scale) ** 2).mean(axis=1)
+        squares.append(np.minimum(square, _LARGEST_RATIO * float(np.median(square))))
+    scores = [float(square.mean()) for square in squares]
+    least = squares[int(np.argmin(scores))]
+    return tuple(
+        Candidate(found.model.parts, found.model.size, score, _deviation(found, square - least))
+        for found, score, square in zip(fits, scores, squares, strict=True)
+    )
+
+
+def _deviation(found: Estimate, differences: FloatArray) -> float:
+    """Standard error of the mean of ``(n,)``; rows of a fold may not be independent."""
+    folds = found.observations.folds
+    parts = np.array([differences[folds == fold].mean() for fold in np.unique(folds)])
+    return float(parts.std(ddof=1)) / math.sqrt(len(parts))
 
 
 def _chosen(candidates: tuple[Candidate, ...]) -> int:
-    """The simplest candidate within one standard error of the best."""
+    """The simplest candidate whose score is no more than a standard error from the best."""
     best = min(candidates, key=lambda candidate: candidate.score)
     return next(
         index
         for index, candidate in enumerate(candidates)
-        if candidate.score <= best.score + best.standard_error
+        if candidate.score - candidate.standard_error <= best.score
     )
 
 

@@ -94,6 +94,24 @@ class UnexplainedMeasurements(CalibrationError):
         )
 
 
+class OtherFrame(CalibrationError):
+    """A frame that was said to be known is another one: the base frame, or the tool's."""
+
+    def __init__(self, name: str, distance: float, angle: float) -> None:
+        self.name = name  #: "base" or "tool"
+        self.distance = distance  #: from where it was said to be [m]
+        self.angle = angle  #: the same [rad]
+        what, remedy = {
+            "base": ("the robot's base in the frame of the measurements", "--frame-known"),
+            "tool": ("the measured tool in the end effector frame", "--tool-known"),
+        }[name]
+        super().__init__(
+            f"{what} is {1e3 * distance:.3g} mm and {math.degrees(angle):.3g} degrees from where "
+            "it is said to be: correct the measurements, or give them as a table and leave out "
+            f"{remedy}, so that it is found"
+        )
+
+
 class ImplausibleErrors(CalibrationError):
     """The measured poses are those of another robot: these geometric errors are too large."""
 
@@ -101,8 +119,8 @@ class ImplausibleErrors(CalibrationError):
         self.names = tuple(names)
         listed = "; ".join(f"{name} {amount}" for name, amount in zip(names, amounts, strict=True))
         super().__init__(
-            "the poses were measured on another robot, or in another frame: the description would "
-            f"have to be wrong by {listed}"
+            "the poses were measured in another frame, with another tool, or on another robot: "
+            f"the description would have to be wrong by {listed}"
         )
 
 

@@ -1,29 +1,24 @@
 """Maximum a posteriori estimate of a model's parameters, with its posterior."""
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import null_space, solve_triangular
+from scipy.linalg import solve_triangular
 
 from annik_core.pose import FloatArray
+from annik_training.calibration.linear_fit import HEAVINESS, LEAST_SIZE, Equations, LinearFit
 from annik_training.calibration.model import ParametricModel
 from annik_training.calibration.observations import Noise, Observations
 from annik_training.fitting.levenberg_marquardt import levenberg_marquardt
 
-#: Most rounds in which noise and sizes are estimated anew, and their relative change at the end.
-_ROUNDS, _SETTLED = 30, 0.03
-#: Rounds before the sizes are estimated, and most halvings of a step.
+#: Most linearisations, most turns of noise and sizes in one, and their relative change at the end.
+_LINEARISATIONS, _TURNS, _SETTLED = 12, 8, 0.03
+#: Linearisations before the sizes are estimated, and most halvings of a step.
 _FIRST_SIZES, _HALVINGS = 3, 10
-#: Degrees of freedom of Student's distribution.
-_HEAVINESS = 8.0
 #: Least standard deviation of the noise [m], [rad]: an ideal robot's measurements have none.
 LEAST_NOISE = 1e-7
-#: Standard deviations of a group of parameters, in natural units.
-_LEAST_SIZE, _LARGEST_SIZE = 1e-3, 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +96,8 @@ class Estimate:
     def leverages(self) -> FloatArray:
         """Leverages ``(n, rows, rows)``: change of the fit per change of each measurement."""
         weighted = self.derivatives * np.sqrt(self.observations.weights)[:, None, None]
-        leverages: FloatArray = weighted @ self.covariance @ np.swapaxes(weighted, 1, 2)
+        drawn = (weighted.reshape(-1, weighted.shape[2]) @ self.root).reshape(weighted.shape)
+        leverages: FloatArray = drawn @ np.swapaxes(drawn, 1, 2)
         return leverages
 
     @property
@@ -122,33 +118,63 @@ class Estimate:
 
     @cached_property
     def held_out_residuals(self) -> FloatArray:
-        """Residuals ``(n, rows)`` by fits without the example, or without all of its placement.
+        """Residuals ``(n, rows)`` by fits without the fold of the row, see :class:`Observations`.
 
-        Of fixed points a whole placement, the points between which distances are known, is left
-        out; the residuals are from the mean at each point, as far as there are two placements.
+        The fits have a noise and sizes of their own.
         """
-        placements = self.observations.placements
-        if placements is None or placements.max() == 0:
-            return self.left_out_residuals
-        held_out = np.zeros_like(self.residuals)
-        roots = np.sqrt(self.observations.weights)
-        points = self.observations.fixed_points
-        assert points is not None
-        for placement in range(placements.max() + 1):
-            rows = np.flatnonzero((placements == placement) & (roots > 0.0))
-            if not len(rows):
-                continue
-            # Across the weighted means at the points, which are unknowns.
-            touched = 1.0 * (points[rows, None] == np.unique(points[rows])) * roots[rows, None]
-            across = null_space(touched.T)
-            columns = (roots[rows, None, None] * self.derivatives[rows]) @ self.root
-            columns = np.einsum("nk,nrp->krp", across, columns)
-            flat = columns.reshape(-1, columns.shape[2])
-            residuals = across.T @ (roots[rows, None] * self.residuals[rows])
-            rest = np.eye(len(flat)) - flat @ flat.T
-            apart = np.linalg.solve(rest, residuals.ravel()).reshape(residuals.shape)
-            held_out[rows] = across @ apart / roots[rows, None]
+        return self._held_out(self.observations.folds)
+
+    @cached_property
+    def unseen_residuals(self) -> FloatArray:
+        """The same by fits without the whole placement of the row, as far as there are two.
+
+        From the mean at each fixed point, which is unknown then.
+        """
+        placements, points = self.observations.placements, self.observations.fixed_points
+        if placements is None or points is None or placements.max() == 0:
+            return self.held_out_residuals
+        unseen, weights = self._held_out(placements), self.observations.weights
+        for point in np.unique(points):
+            rows = points == point
+            unseen[rows] -= np.average(unseen[rows], axis=0, weights=weights[rows])
+        return unseen
+
+    def _held_out(self, folds: NDArray[np.int64]) -> FloatArray:
+        used = self.used
+        columns, distances = self.columns(used)
+        groups, weights = self.used_groups(used), self.observations.weights
+        whole = Equations.of(columns, weights, distances)
+        held_out = columns[..., -1].copy()
+        least = LEAST_NOISE / np.array([self.noise.position, self.noise.orientation])
+        for fold in np.unique(folds):
+            rows = folds == fold
+            equations = whole.without(Equations.of(columns[rows], weights[rows], distances))
+            fit = LinearFit(equations, np.ones(2), self.parameters[used], self.own_prior[used])
+            for _ in range(_TURNS):
+                before = fit
+                prior = before.sizes_found(len(self.model.errors), groups)
+                fit = LinearFit(equations, before.noise_found(least), before.around, prior)
+                if fit.distance_from(before) < _SETTLED:
+                    break
+            held_out[rows] += columns[rows, :, :-1] @ fit.step
         return held_out
+
+    def used_groups(self, used: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        """The groups of the model's parameters among those that are used."""
+        return [np.searchsorted(used, group) for group in self.model.groups if group[0] in used]
+
+    @property
+    def used(self) -> NDArray[np.int64]:
+        """Indices of the parameters whose group has not vanished."""
+        return np.flatnonzero(self.own_prior > LEAST_SIZE)
+
+    def columns(self, used: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by these parameters and residuals ``(n, rows, p + 1)``; of distances too."""
+        columns = np.concatenate([self.derivatives[..., used], self.residuals[..., None]], axis=2)
+        distances = np.zeros((len(self.observations.distances), len(self.parameters)))
+        distances[:, self.model.size :] = self.observations.distance_derivatives(self.unknowns)
+        residuals = self.observations.distance_residuals(self.unknowns)
+        return columns, np.concatenate([distances[:, used], residuals[:, None]], axis=1)
 
     @cached_property
     def surprise(self) -> FloatArray:
@@ -221,86 +247,68 @@ def tuned(
     """Estimate the parameters, the noise, and the size of each group of parameters, in turns.
 
     The noise is that of Student's distribution, so that a few large residuals weigh little. The
-    sizes are those of greatest evidence [MacKay1992]_: a group that the examples don't need
-    vanishes. Zero weights of the observations stay zero.
-
-    References:
-        [MacKay1992] D. J. C. MacKay: Bayesian interpolation. Neural Computation 4 (3), 1992.
+    sizes are those of greatest evidence: a group that the examples don't need vanishes. Zero
+    weights of the observations stay zero.
     """
     size = model.size + observations.frames.size
-    prior, parameters = np.ones(size), np.concatenate([start, np.zeros(size - len(start))])
+    parameters = np.concatenate([start, np.zeros(size - len(start))])
     if model.has_networks:
         parameters = estimate(model, observations, noise, parameters, max_evaluations).parameters
-    found = Estimate(model, parameters, observations, noise, prior)
-    for number in range(_ROUNDS):
+    found = Estimate(model, parameters, observations, noise, np.ones(size))
+    for number in range(_LINEARISATIONS):
         if model.has_networks:
-            found = estimate(model, observations, noise, parameters, 8, prior)
-        else:
-            found = _improved(found)
+            now = found.observations, found.noise, found.parameters
+            found = estimate(model, *now, 8, found.prior)
+        found, settled = _in_turns(found, observations.weights, number)
+        if settled:
+            break
+    return found
+
+
+def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, bool]:
+    """Parameters, noise and sizes by the model that is linear around an estimate.
+
+    ``own`` are the weights of the observations themselves. Also, whether little has changed.
+    """
+    used = found.used
+    columns, distances = found.columns(used)
+    groups = found.used_groups(used)
+    least = LEAST_NOISE / np.array([found.noise.position, found.noise.orientation])
+    equations = Equations.of(columns, found.observations.weights, distances)
+    fit = LinearFit(equations, np.ones(2), found.parameters[used], found.own_prior[used])
+    settled, weights = False, found.observations.weights
+    for turn in range(_TURNS if number > _FIRST_SIZES else 1):
+        before = fit
         # First gross errors of the geometry, or they count as noise; then the noise: while it is
         # far too large, no group seems to be needed.
-        if number > 0:
-            noise = _noise_of(found)
-        prior = _sizes(found, found.model.groups if number >= _FIRST_SIZES else ())
-        squares = (residuals_of(model, found.parameters, observations, noise) ** 2).sum(axis=1)
-        weights = (_HEAVINESS + observations.rows) / (_HEAVINESS + squares)
-        weights = observations.weights * weights
-        parameters = found.parameters
-        if number > _FIRST_SIZES and _settled(found, noise, prior):
+        noise = before.noise_found(least) if number > 0 else before.noise
+        prior = before.sizes_found(
+            len(found.model.errors), groups if number >= _FIRST_SIZES else ()
+        )
+        left = columns @ np.append(before.step, 1.0)
+        squares = ((left / np.repeat(noise, 3)[: left.shape[1]]) ** 2).sum(axis=1)
+        weights = own * (HEAVINESS + left.shape[1]) / (HEAVINESS + squares)
+        equations = Equations.of(columns, weights, distances)
+        fit = LinearFit(equations, noise, before.around, prior)
+        if fit.distance_from(before) < _SETTLED:
+            settled = turn == 0 and number > _FIRST_SIZES
             break
-        found = Estimate(model, parameters, observations.weighted(weights), noise, prior)
-    return found
+    return _moved(found, fit, used, weights), settled
 
 
-def _improved(found: Estimate) -> Estimate:
-    """After one step of Gauss and Newton, of half the length for as long as the cost grows."""
-    weights = found.observations.weights[:, None]
-    gradient = np.einsum("nr,nrp->p", weights * found.residuals, found.derivatives)
-    gradient += found.parameters / found.own_prior**2
-    gradient[found.model.size :] += found.observations.distance_derivatives(
-        found.unknowns
-    ).T @ found.observations.distance_residuals(found.unknowns)
-    step = -found.root @ (found.root.T @ gradient)
+def _moved(
+    found: Estimate, fit: LinearFit, used: NDArray[np.int64], weights: FloatArray
+) -> Estimate:
+    """After the step of a fit, of half the length for as long as the cost grows."""
+    noise = Noise(found.noise.position * fit.noise[0], found.noise.orientation * fit.noise[1])
+    parameters, step = np.zeros((2, len(found.parameters)))
+    prior = np.full(len(parameters), LEAST_SIZE)
+    parameters[used], step[used], prior[used] = fit.around, fit.step, fit.prior
+    observations = found.observations.weighted(weights)
+    here = Estimate(found.model, parameters, observations, noise, prior)
     for _ in range(_HALVINGS):
-        moved = replace(found, parameters=found.parameters + step)
-        if moved.cost <= found.cost:
+        moved = replace(here, parameters=parameters + step)
+        if moved.cost <= here.cost:
             return moved
         step = 0.5 * step
-    return found
-
-
-def _noise_of(found: Estimate) -> Noise:
-    """Noise by weighted residuals and degrees of freedom."""
-    weights = found.observations.weights
-    squares = weights[:, None] * found.residuals**2
-    taken = np.einsum("nrr->nr", found.leverages)
-    factors = [1.0, 1.0]
-    for index, rows in enumerate((slice(0, 3), slice(3, 6))):
-        left = np.count_nonzero(weights > 0.0) * squares[:, rows].shape[1] - taken[:, rows].sum()
-        if squares[:, rows].size:
-            factors[index] = float(np.sqrt(squares[:, rows].sum() / max(left, 1.0)))
-    return Noise(
-        max(found.noise.position * factors[0], LEAST_NOISE),
-        max(found.noise.orientation * factors[1], LEAST_NOISE),
-    )
-
-
-def _sizes(found: Estimate, groups: Sequence[NDArray[np.int64]]) -> FloatArray:
-    prior = found.own_prior.copy()
-    # Student's distribution: one gross error of the geometry is no reason to doubt all.
-    geometry = slice(0, len(found.model.errors))
-    squares = found.parameters[geometry] ** 2
-    prior[geometry] = np.sqrt(np.maximum(1.0, (_HEAVINESS + squares) / (_HEAVINESS + 1.0)))
-    variances = np.einsum("ij,ij->i", found.root, found.root)
-    for group in groups:
-        known = len(group) - float((variances[group] / prior[group] ** 2).sum())
-        square = float((found.parameters[group] ** 2).sum()) / max(known, 1e-3)
-        prior[group] = min(max(math.sqrt(square), _LEAST_SIZE), _LARGEST_SIZE)
-    return prior
-
-
-def _settled(found: Estimate, noise: Noise, prior: FloatArray) -> bool:
-    larger = np.maximum(prior, found.own_prior)
-    changes = np.abs(prior - found.own_prior) / np.maximum(larger, 0.05)
-    change = abs(math.log(noise.position / found.noise.position))
-    return max(float(changes.max()), change) < _SETTLED
+    return here

@@ -10,14 +10,21 @@ References:
     product. Journal of Mechanisms and Robotics 5 (3), 2013.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annik_core.pose import FloatArray
+from annik_training.calibration.errors import OtherFrame
 from annik_training.calibration.measurements import Measurements
 
+#: A frame that is off by more is another one [m], [rad].
+OTHER = (0.02, math.radians(3.0))
+#: Other frames explain measurements if the errors of the nominal arm become so many times smaller,
+#: and are no more than those of an arm may be [m].
+_EXPLAINED, _NOMINAL = 1.0 / 3.0, 0.02
 _ROUNDS = 15
 
 
@@ -82,6 +89,36 @@ def initial_frames(
     return frames
 
 
+def check_known(
+    measurements: Measurements, frames: Frames, positions: FloatArray, rotations: FloatArray
+) -> None:
+    """Refuse measurements that other frames explain than those that are said to be known.
+
+    ``frames`` are the best with these, for the nominal arm's poses ``(n, 3)`` and ``(n, 3, 3)``.
+
+    Raises:
+        OtherFrame: naming the frame.
+    """
+    if measurements.fixed_points is not None:
+        return
+    free = replace(measurements, frame_known=False, tool_known=False)
+    found = initial_frames(free, positions, rotations)
+    known, explained = (
+        float(np.median(_distances(measurements, one, positions, rotations)))
+        for one in (frames, found)
+    )
+    if explained > min(_EXPLAINED * known, _NOMINAL):
+        return
+    for name, is_known, frame in (
+        ("base", measurements.frame_known, found.base),
+        ("tool", measurements.tool_known, found.tool),
+    ):
+        distance = float(np.linalg.norm(frame[:3, 3]))
+        angle = float(Rotation.from_matrix(frame[:3, :3]).magnitude())
+        if is_known and (distance > OTHER[0] or angle > OTHER[1]):
+            raise OtherFrame(name, distance, angle)
+
+
 def _weighted(
     measurements: Measurements,
     positions: FloatArray,
@@ -123,9 +160,9 @@ def _weighted(
 def _of_points(
     measurements: Measurements, positions: FloatArray, rotations: FloatArray, roots: FloatArray
 ) -> Frames:
-    numbers, index = np.unique(np.asarray(measurements.fixed_points), return_inverse=True)
-    touched = -np.eye(len(numbers))[index]
-    blocks = np.einsum("nm,ij->nimj", touched, np.eye(3)).reshape(len(index), 3, -1)
+    numbers, rows = measurements.touched
+    touched = -np.eye(len(numbers))[rows]
+    blocks = np.einsum("nm,ij->nimj", touched, np.eye(3)).reshape(len(rows), 3, -1)
     if not measurements.tool_known:
         blocks = np.concatenate([rotations, blocks], axis=2)
     matrix = (roots * blocks).reshape(-1, blocks.shape[2])
@@ -195,8 +232,8 @@ def _distances(
 ) -> FloatArray:
     points = positions + rotations @ frames.tool[:3, 3]
     if measurements.fixed_points is not None:
-        index = np.unique(np.asarray(measurements.fixed_points), return_inverse=True)[1]
-        return np.asarray(np.linalg.norm(points - frames.points[index], axis=1))
+        _, rows = measurements.touched
+        return np.asarray(np.linalg.norm(points - frames.points[rows], axis=1))
     assert measurements.positions is not None
     reached = points @ frames.base[:3, :3].T + frames.base[:3, 3]
     return np.asarray(np.linalg.norm(reached - measurements.positions, axis=1))

@@ -119,6 +119,18 @@ class Measurements:
         return replace(self, **arrays, distances=distances)
 
     @property
+    def touched(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers ``(m,)`` of the fixed points, ascending, and which of these ``(n,)`` rows touch.
+
+        Raises:
+            InvalidMeasurements: if positions were measured.
+        """
+        if self.fixed_points is None:
+            raise InvalidMeasurements("fixed_points", "positions were measured instead")
+        numbers, rows = np.unique(self.fixed_points, return_inverse=True)
+        return numbers, rows
+
+    @property
     def content_hash(self) -> str:
         """SHA-256 over all arrays."""
         digest = hashlib.sha256()

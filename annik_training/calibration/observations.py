@@ -1,6 +1,7 @@
 """Measured poses, their noise, and the residuals of a model."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from annik_training.calibration.frames import Frames
 from annik_training.calibration.measurements import KnownDistance, Measurements
 from annik_training.calibration.model import Evaluated
 
+#: Number of parts of the rows that are left out in turn.
+_FOLDS = 10
 #: Standard deviation of a known distance between fixed points [m].
 DISTANCE_SIGMA = 5e-5
 
@@ -76,7 +79,7 @@ class Observations:
         positions, rotations = measurements.positions, measurements.rotations
         index, distances = None, []
         if measurements.fixed_points is not None:
-            numbers, index = np.unique(measurements.fixed_points, return_inverse=True)
+            numbers, index = measurements.touched
             places = {int(number): place for place, number in enumerate(numbers)}
             distances = [
                 KnownDistance(places[first], places[second], metres)
@@ -109,6 +112,23 @@ class Observations:
         for first, second, _ in self.distances:
             of_point[of_point == of_point[second]] = of_point[first]
         return np.unique(of_point[self.fixed_points], return_inverse=True)[1]
+
+    @cached_property
+    def folds(self) -> NDArray[np.int64]:
+        """``(n,)`` number of the fold with which each row is left out of a fit, at random.
+
+        At a fixed point rows that were recorded one after the other resemble each other, so that
+        a third of its rows is left out together.
+        """
+        blocks = np.arange(len(self))
+        if self.fixed_points is not None:
+            for point in np.unique(self.fixed_points):
+                rows = np.flatnonzero(self.fixed_points == point)
+                blocks[rows] = rows[len(rows) * np.arange(3) // 3].repeat(
+                    np.diff(len(rows) * np.arange(4) // 3)
+                )
+        numbers, block = np.unique(blocks, return_inverse=True)
+        return (np.random.default_rng(0).permutation(len(numbers)) % _FOLDS)[block]
 
     def weighted(self, weights: FloatArray) -> "Observations":
         """The same examples with other weights ``(n,)``."""

@@ -11,7 +11,7 @@ from annik_training.calibration.model import ParametricModel
 from annik_training.calibration.observations import Noise, Observations
 
 #: Probability by chance below which a measurement is an outlier.
-_IMPROBABLE = 1e-9
+_IMPROBABLE = 1e-20
 #: Largest fraction of outliers; with more, the others can't be trusted either.
 _MOST = 0.3
 #: Least standard deviation that is assumed [m]; no instrument measures better.

@@ -30,8 +30,9 @@ _DRAWS = 400
 CONFIDENCE = 0.95
 #: More than the confidence, since sizes and noise of the fit know the example that is left out.
 _MARGIN = 0.015
-#: A bound shrinks at most by this factor.
-_LEAST_FACTOR = 0.3
+#: A bound shrinks at most by this factor, and where the measurements' noise is known, so that the
+#: residuals tell little of the robot, by the second one.
+_LEAST_FACTORS = (0.01, 0.3)
 #: 95th percentile of the length of three independent standard normal coordinates.
 _NOISE_BOUND = 2.795
 
@@ -138,15 +139,21 @@ def error_bound_of(
     By robots drawn from the posterior. Residuals beyond the noise of the measurements are added as
     independent errors of the robot at each pose.
     """
-    model = fitted.model
-    joint_positions = model.robot.joint_box.sample(_POSES, rng)
+    model, measured_at = fitted.model, fitted.observations.joint_positions
+    # In the joint box, and as much where it was measured, which may be a small part of it.
+    joint_positions = np.concatenate(
+        [
+            model.robot.joint_box.sample(_POSES, rng),
+            measured_at[rng.integers(len(measured_at), size=_POSES)],
+        ]
+    )
     columns = model.evaluate(fitted.model_parameters, joint_positions).columns
     draws = (columns @ fitted.root[: model.size]) @ rng.normal(
         size=(len(fitted.parameters), _DRAWS)
     )
     draws *= max(1.0, _calibration(fitted))
     centre, half = fitted.model.scale
-    features = quadratic_features((joint_positions - centre) / half)
+    features = quadratic_features(np.clip((joint_positions - centre) / half, -1.0, 1.0))
     coefficients = []
     for rows, noise, known in (
         (slice(0, 3), fitted.noise.position, measured_noise.position),
@@ -186,13 +193,14 @@ def _held_out_factors(
             (slice(3, 6), fitted.noise.orientation, measured_noise.orientation),
         )
     ):
-        residuals = scale * fitted.held_out_residuals[counted][:, rows]
+        residuals = scale * fitted.unseen_residuals[counted][:, rows]
         if not residuals.size:
             continue
         squares = (residuals**2).sum(axis=1) - (_NOISE_BOUND * known) ** 2
         ratios = np.sqrt(np.maximum(squares, 0.0)) / bounds[counted, index]
         level = min(1.0, (CONFIDENCE + _MARGIN) * (1.0 + 1.0 / len(ratios)))
-        factors[index] = max(_LEAST_FACTOR, float(np.quantile(ratios, level)))
+        least = _LEAST_FACTORS[known > 0.0]
+        factors[index] = max(least, float(np.quantile(ratios, level)))
     return factors[0], factors[1]
 
 

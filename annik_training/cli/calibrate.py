@@ -265,6 +265,13 @@ def _print_calibration(calibrated: "CalibratedRobot") -> None:
         f"unexplained: {1e3 * noise.position:.4f} mm and {np.degrees(noise.orientation):.5f} "
         "degrees in each coordinate"
     )
+    repeated = calibrated.repeatability
+    if repeated is not None:
+        cause = ": play or friction, which the bound includes" if repeated.is_play else ""
+        click.echo(
+            f"repeated approaches ({repeated.pairs}) end {1e3 * repeated.distance:.3f} mm from "
+            f"their mean{cause}"
+        )
     if outliers.any():
         numbers = ", ".join(map(str, np.flatnonzero(outliers)))
         click.echo(f"outliers, by their row in the dataset: {numbers}")

@@ -144,3 +144,24 @@ def distances(robot: Robot, truth: Callable[[np.ndarray], np.ndarray], count: in
     joint_positions = robot.joint_box.sample(count, np.random.default_rng(99))
     model = robot.forward_kinematics.poses(joint_positions)
     return np.linalg.norm(model[:, :3] - truth(joint_positions)[:, :3], axis=1)
+
+
+def touching(
+    truth: ImperfectUr5e, tool: np.ndarray, point: np.ndarray, count: int, seed: int
+) -> np.ndarray:
+    """Joint positions ``(count, 6)`` with a point of the flange's frame at one of the base's."""
+    box = load_robot("ur5e").joint_box
+    found = box.sample(20 * count, np.random.default_rng(seed))
+
+    def reached(joint_positions: np.ndarray) -> np.ndarray:
+        poses = truth.matrices(joint_positions)
+        return poses[:, :3, 3] + poses[:, :3, :3] @ tool
+
+    for _ in range(40):
+        here = reached(found)
+        moved = [(reached(found + step) - here) / 1e-6 for step in 1e-6 * np.eye(6)]
+        steps = np.linalg.pinv(np.stack(moved, axis=2)) @ (point - here)[..., None]
+        found = found + np.clip(steps[..., 0], -0.3, 0.3)
+    there = np.linalg.norm(reached(found) - point, axis=1) < 1e-9
+    inside = ((found > box.lower) & (found < box.upper)).all(axis=1)
+    return found[there & inside][:count]
