@@ -300,7 +300,8 @@ def _moved(
     found: Estimate, fit: LinearFit, used: NDArray[np.int64], weights: FloatArray
 ) -> Estimate:
     """After the step of a fit, of half the length for as long as the cost grows."""
-    noise = Noise(found.noise.position * fit.noise[0], found.noise.orientation * fit.noise[1])
+    position, orientation = fit.noise.tolist()
+    noise = Noise(found.noise.position * position, found.noise.orientation * orientation)
     parameters, step = np.zeros((2, len(found.parameters)))
     prior = np.full(len(parameters), LEAST_SIZE)
     parameters[used], step[used], prior[used] = fit.around, fit.step, fit.prior

@@ -199,7 +199,7 @@ def _held_out_factors(
         squares = (residuals**2).sum(axis=1) - (_NOISE_BOUND * known) ** 2
         ratios = np.sqrt(np.maximum(squares, 0.0)) / bounds[counted, index]
         level = min(1.0, (CONFIDENCE + _MARGIN) * (1.0 + 1.0 / len(ratios)))
-        least = _LEAST_FACTORS[known > 0.0]
+        least = _LEAST_FACTORS[0 if known == 0.0 else 1]
         factors[index] = max(least, float(np.quantile(ratios, level)))
     return factors[0], factors[1]
 
