@@ -126,7 +126,7 @@ def environment(folder: Path) -> Path:
 
 def pip_install(python: Path, requirement: str) -> None:
     """Install with the pip of this environment, in the versions of constraints.txt."""
-    pip = (sys.executable, "-m", "pip", "--python", python, "install", "-q")
+    pip = (sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-compile")
     versions = ("-c", ROOT / "constraints.txt")
     call(f"pip install '{requirement}'", (*pip, *versions, requirement), python.parent)
 
@@ -181,6 +181,7 @@ def install(quick: bool, out: Path, docs: Path | None) -> None:
         "",
         "Each was installed into an empty environment, with the versions of `constraints.txt`, "
         "and then tried: a pose solved, a target sent to a node and answered, a model trained. "
-        f"Sizes are with annik, without Python. Torch is the one without CUDA. {machine()}",
+        "Sizes are with annik, without Python and what it compiles on first use. Torch is the one "
+        f"without CUDA. {machine()}",
     ]
     write_table("install", lines, folders)

@@ -1,4 +1,7 @@
-"""Independent jobs on all processors, by joblib, so that its other backends can take them over."""
+"""Independent jobs on all processors, by joblib; its other backends, as Ray's, can take them over.
+
+Jobs on a Dask cluster: :mod:`benchmarks.jobs.dask_runner`.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,7 @@ def run_jobs(
         function: what to do with a job; module level, so that it can be sent to a process.
         jobs: plain data.
         workers: processes, or -1 for as many as there are processors. Within a
-            ``joblib.parallel_config(backend="dask")`` or ``"ray"``, that backend decides.
+            ``joblib.parallel_config(backend="ray")``, that backend decides.
 
     Raises:
         WorkerEnded: if a worker process was killed.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ from annik_core.files import ensure_writable_folder, write_files_atomically
 from benchmarks.command_line import docs_folder, docs_option, names, numbers, out_option
 
 if TYPE_CHECKING:
-    from benchmarks.study.run import StudyOutcome, StudyProgress
+    from benchmarks.study.run import Runner, StudyOutcome, StudyProgress
     from benchmarks.study.summary import SummaryRow
 
 #: Exit code of a program that Ctrl-C stopped.
@@ -75,22 +76,55 @@ class EveryJobFailed(AnnikError):
 @click.option("--seeds", type=int, help="How often to repeat each combination (default 5).")
 @click.option("--max-evaluations", type=int, help="Residuals per fit (default 50).")
 @click.option("--workers", type=click.IntRange(1), help="Processes; default: one per processor.")
+@click.option(
+    "--backend",
+    type=click.Choice(["processes", "dask"]),
+    default="processes",
+    help="Where the jobs run: processes of this machine, or a Dask cluster.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Of the Dask cluster, as tcp://HOST:8786; default: a cluster on this machine.",
+)
 @click.option("--quick", is_flag=True, help="A rough study of a minute; other options refine it.")
-def study(out: Path, docs: Path | None, workers: int | None, quick: bool, **choices: Any) -> None:
+def study(
+    out: Path,
+    docs: Path | None,
+    workers: int | None,
+    backend: str,
+    scheduler: str | None,
+    quick: bool,
+    **choices: Any,
+) -> None:
     """Compare designs and ways to train: error against number of examples.
 
     Runs every design x training x system x number of examples x seed, as independent jobs. A
     study that was stopped goes on where it was when the same command is given again.
     """
+    if scheduler is not None and backend != "dask":
+        raise click.UsageError("--scheduler needs --backend dask")
+    if scheduler is not None and workers is not None:
+        raise click.UsageError("--workers is for this machine; a cluster has its own workers")
     given = {name: value for name, value in choices.items() if value is not None}
     docs = docs_folder(docs, standard=not (given or quick), quick=quick)
     display = _Display(Console(stderr=True), out)
     try:
-        outcome = display.run(given, quick, workers or -1)
+        outcome = display.run(given, quick, _runner(backend, scheduler, workers or -1))
         _report(outcome, out, docs)
     except KeyboardInterrupt:
         display.say(f"stopped; {display.count}run the same command to go on")
         click.get_current_context().exit(INTERRUPTED)
+
+
+def _runner(backend: str, scheduler: str | None, workers: int) -> Runner:
+    """What runs the jobs."""
+    from benchmarks.jobs.dask_runner import run_jobs_on_dask
+    from benchmarks.jobs.job_runner import run_jobs
+
+    if backend == "dask":
+        return partial(run_jobs_on_dask, scheduler=scheduler, workers=workers)
+    return partial(run_jobs, workers=workers)
 
 
 class _Display:
@@ -112,7 +146,7 @@ class _Display:
         """One line, however long."""
         self._console.print(f"annik: {escape(text)}", soft_wrap=True, highlight=False)
 
-    def run(self, given: Mapping[str, Any], quick: bool, workers: int) -> StudyOutcome:
+    def run(self, given: Mapping[str, Any], quick: bool, runner: Runner) -> StudyOutcome:
         """Run the study with a progress bar."""
         from benchmarks.study.run import run_study
         from benchmarks.study.settings import StudySettings
@@ -141,7 +175,7 @@ class _Display:
                 progress.update(task, completed=now.done + now.failed, failed=failed)
                 self._latest = now
 
-            return run_study(settings, self._folder, workers, on_progress)
+            return run_study(settings, self._folder, runner, on_progress)
 
     def _begin(self, start: StudyProgress) -> None:
         if start.truncated:
@@ -185,6 +219,12 @@ def _report(outcome: StudyOutcome, folder: Path, docs: Path | None) -> None:
         console.print(
             _best_table([row for row in rows if row.system == system], outcome.settings.examples)
         )
+    seconds = [job.seconds for job in outcome.outcomes.values()]
+    console.print(
+        f"{len(seconds)} jobs took {sum(seconds):.0f} s of processor time: "
+        f"{sum(seconds) / len(seconds):.2f} s a job, {max(seconds):.2f} s the longest",
+        highlight=False,
+    )
     console.print(
         f"wrote summary.csv, study.md and its figures to {escape(str(folder))}"
         + (f", the last two to {escape(str(docs))} too" if docs else ""),

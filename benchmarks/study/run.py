@@ -6,7 +6,7 @@ goes on where it was.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,10 +54,17 @@ class StudyOutcome:
     left_out: tuple[str, ...]
 
 
+#: Runs jobs and yields each with its outcome.
+Runner = Callable[
+    [Callable[[FitJob], FitOutcome | JobFailure], Sequence[FitJob]],
+    Iterator[tuple[FitJob, FitOutcome | JobFailure]],
+]
+
+
 def run_study(
     settings: StudySettings,
     folder: Path,
-    workers: int = -1,
+    runner: Runner = run_jobs,
     on_progress: Callable[[StudyProgress], None] | None = None,
 ) -> StudyOutcome:
     """Run the jobs that are not done yet.
@@ -65,14 +72,15 @@ def run_study(
     Args:
         settings: what to compare.
         folder: where the results are kept.
-        workers: processes; see :func:`benchmarks.jobs.job_runner.run_jobs`.
+        runner: where the jobs are run: :func:`benchmarks.jobs.job_runner.run_jobs`, or
+            :func:`benchmarks.jobs.dask_runner.run_jobs_on_dask`.
         on_progress: called at the beginning, and after each job.
 
     Raises:
         InvalidValue: if there is no such system.
         NotWritable, InUse, DamagedRecord: if the results in the folder can't be used.
         RobotError: if a robot can't be used.
-        WorkerEnded: if a worker process was killed.
+        WorkerEnded, ClusterFailed: if the processes of the runner end.
     """
     grid = study_grid(settings)
     with StudyResults(folder) as results:
@@ -90,7 +98,7 @@ def run_study(
 
         tell()
         try:
-            for job, outcome in run_jobs(try_fit_job, to_do, workers):
+            for job, outcome in runner(try_fit_job, to_do):
                 results.record(job, outcome)
                 found[job] = outcome
                 if isinstance(outcome, JobFailure):

@@ -118,16 +118,13 @@ def test_every_module_is_imported_from_it(wheel: zipfile.ZipFile, tmp_path: Path
 @pytest.fixture(scope="module")
 def serving(wheel_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The interpreter of an environment for serving, where nothing else is installed."""
-    with pytest.MonkeyPatch.context() as patch:
-        # What is not imported need not be compiled.
-        patch.setenv("PIP_NO_COMPILE", "1")
-        python = environment(tmp_path_factory.mktemp("clean") / "environment")
-        try:
-            pip_install(python, f"{wheel_file}[serve,ros]")
-        except InstallationFailed as error:
-            if "from versions: none" in error.said:
-                pytest.skip("pip reaches no package index")
-            raise
+    python = environment(tmp_path_factory.mktemp("clean") / "environment")
+    try:
+        pip_install(python, f"{wheel_file}[serve,ros]")
+    except InstallationFailed as error:
+        if "from versions: none" in error.said:
+            pytest.skip("pip reaches no package index")
+        raise
     return python
 
 
@@ -142,10 +139,9 @@ def test_it_serves_without_torch_and_matplotlib_and_with_its_kernel(
 
 
 def test_what_is_missing_for_training_is_added_by_the_command_in_the_error(
-    serving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    serving: Path, tmp_path: Path
 ) -> None:
     """Then the gantry is trained."""
-    monkeypatch.setenv("PIP_NO_COMPILE", "1")
     with pytest.raises(InstallationFailed) as caught:
         train = ["-m", "annik_training.cli", "train", "--out", MODEL]
         call("annik train", [serving, *train], tmp_path)
