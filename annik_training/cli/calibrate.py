@@ -28,6 +28,7 @@ from annik_training.calibration.measurement_files import (
 )
 from annik_training.calibration.measurements import Measurements
 from annik_training.cli.calibration_report import (
+    by_joint,
     calibration_report,
     errors_by_row,
     write_calibration_report,
@@ -281,8 +282,9 @@ def _print_calibration(calibrated: "CalibratedRobot") -> None:
     if frames.tool_unknowns:
         click.echo(f"what was measured, in the end effector frame: {_shown(frames.tool)}")
     if calibrated.unidentified:
-        names = "; ".join(calibrated.unidentified)
-        click.echo(f"not identified by these poses, left near nominal: {names}")
+        click.echo("not identified by these poses, left near nominal:")
+        for joint, kinds in by_joint(calibrated.unidentified).items():
+            click.echo(f"  {joint}: {'; '.join(kinds)}")
 
 
 def _shown(frame: FloatArray) -> str:

@@ -2,7 +2,8 @@
 
 import math
 from base64 import b64encode
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -12,11 +13,12 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
-from annik_training.calibration.estimation import residuals_of
+from annik_training.calibration.estimation import derivatives_of, residuals_of
 from annik_training.calibration.observations import Observations
 from annik_training.cli.plots import png
 from annik_training.designs.identifiability_design import most_informative
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
 #: Joint positions to measure next, chosen from so many.
 _FOLLOWING, _CANDIDATES = 10, 300
+#: Most steps of Newton from there to a socket, their length in a joint [rad or m], and how near to
+#: the socket they must come [m].
+_STEPS, _LARGEST_STEP, _AT_SOCKET = 40, 0.2, 1e-5
 #: Parts of each joint's measured interval.
 _REGIONS = 3
 _COLUMNS = 4
@@ -61,7 +66,14 @@ class CalibrationReport:
     places: Sequence[str]  #: ``(n,)`` file and line of each row, or its number
     parameters: Sequence[Parameter]
     following: FloatArray  #: ``(m, dof)`` joint positions whose measurement would help most
+    #: ``(m,)`` file of the socket that the ball is in there; empty without sockets.
+    sockets: Sequence[str] = ()
     notes: Sequence[str] = ()
+
+    @property
+    def unidentified(self) -> dict[str, list[str]]:
+        """What is not identified, by joint."""
+        return by_joint(one.name for one in self.parameters if not one.identified)
 
     def regions(self) -> Iterator[tuple[str, str, int, float, float]]:
         """Joint, part of its measured interval, rows, and mean error before and after [m]."""
@@ -125,22 +137,68 @@ def calibration_report(
         calibrated.outliers,
         places,
         parameters,
-        _following(calibrated),
+        *_following(calibrated, places),
         notes,
     )
 
 
-def _following(calibrated: "CalibratedRobot") -> FloatArray:
-    """Joint positions in the joint box at which a measurement would tell most."""
+def by_joint(names: Iterable[str]) -> dict[str, list[str]]:
+    """Names of errors, such as "elbow_joint: zero", by what is before the colon."""
+    grouped: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        joint, _, kind = name.partition(": ")
+        grouped[joint].append(kind)
+    return dict(grouped)
+
+
+def _following(
+    calibrated: "CalibratedRobot", places: Sequence[str]
+) -> tuple[FloatArray, list[str]]:
+    """Joint positions in the joint box at which a measurement would tell most; see the report."""
     found = calibrated.estimate
     candidates = calibrated.robot.joint_box.sample(_CANDIDATES, np.random.default_rng(0))
-    columns = found.model.evaluate(found.model_parameters, candidates).columns
-    rows = columns[:, :3] / found.noise.position
-    if found.observations.has_orientation:
-        rows = np.concatenate([rows, columns[:, 3:] / found.noise.orientation], axis=1)
-    size = found.model.size
-    chosen = most_informative(rows, _FOLLOWING, found.covariance[:size, :size])
-    return candidates[chosen]
+    points = found.observations.fixed_points
+    if points is not None:
+        numbers = np.arange(_CANDIDATES) % (points.max() + 1)
+        candidates, there = _at_points(calibrated, candidates, numbers)
+        candidates, points = candidates[there], numbers[there]
+    count = len(candidates)
+    measured = replace(
+        found.observations,
+        joint_positions=candidates,
+        positions=np.zeros((count, 3)),
+        rotations=np.tile(np.eye(3), (count, 1, 1)),
+        weights=np.ones(count),
+        fixed_points=points,
+    )
+    rows = derivatives_of(found.model, found.parameters, measured, found.noise)
+    chosen = most_informative(rows, min(_FOLLOWING, count), found.covariance)
+    if points is None:
+        return candidates[chosen], []
+    whole = Observations.of(calibrated.measured).fixed_points
+    assert whole is not None
+    files = [places[int(np.flatnonzero(whole == point)[0])] for point in points[chosen]]
+    return candidates[chosen], [file.rpartition(", line")[0] for file in files]
+
+
+def _at_points(
+    calibrated: "CalibratedRobot", joint_positions: FloatArray, numbers: NDArray[np.int64]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """From ``(n, dof)`` to where the ball is at the fixed points ``(n,)``, and whether it is."""
+    robot, frames = calibrated.robot, calibrated.frames
+    kinematics, box = robot.forward_kinematics, robot.joint_box
+    for step in range(_STEPS + 1):
+        poses = kinematics.poses(joint_positions)
+        lever = Rotation.from_quat(poses[:, 3:]).apply(frames.tool[:3, 3])
+        away = frames.points[numbers] - poses[:, :3] - lever
+        if step == _STEPS:
+            break
+        jacobians = kinematics.jacobians(joint_positions)
+        linear = jacobians[:, :3] + np.cross(jacobians[:, 3:], lever[..., np.newaxis], axis=1)
+        steps = (np.linalg.pinv(linear) @ away[..., np.newaxis])[..., 0]
+        moved = joint_positions + np.clip(steps, -_LARGEST_STEP, _LARGEST_STEP)
+        joint_positions = np.clip(moved, box.lower, box.upper)
+    return joint_positions, np.linalg.norm(away, axis=1) < _AT_SOCKET
 
 
 def write_calibration_report(report: CalibrationReport, folder: Path) -> None:

@@ -12,8 +12,18 @@ from annik_core.dataset import MEASURED, Dataset
 from annik_core.robots.library import load_robot
 from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
 from annik_training.calibration.measurements import KnownDistance, Measurements
+from annik_training.calibration.model import Part
 from benchmarks.calibrate.geometry import FloatArray, fit_poses, fit_sockets
 from benchmarks.calibrate.problems import MeasuredSet, Rows
+
+#: Parts that version 0.1 chose from.
+_PARTS_OF_0_1 = (
+    frozenset({Part.GEOMETRY}),
+    frozenset({Part.GEOMETRY, Part.ALIGNMENT}),
+    frozenset({Part.GEOMETRY, Part.JOINT_NETWORKS}),
+    frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_NETWORKS}),
+    frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_NETWORKS, Part.POSE_NETWORK}),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +99,8 @@ def _version_0_1(one: MeasuredSet, rows: Rows, joint_positions: FloatArray) -> P
     measured = _matrices(rows.positions, turned)
     poses = np.linalg.inv(base) @ measured @ np.linalg.inv(tool)
     dataset = Dataset(robot, rows.joint_positions, _poses(poses), "measured", {}, 0, MEASURED)
-    found = calibrate(robot, dataset, CalibrationOptions(position_only=rows.rotations is None))
+    options = CalibrationOptions(position_only=rows.rotations is None, candidates=_PARTS_OF_0_1)
+    found = calibrate(robot, dataset, options)
     return _predicted(found, base, tool, joint_positions)
 
 
