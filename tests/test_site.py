@@ -16,7 +16,7 @@ import pytest
 import yaml
 from support.processes import LONG_PATIENCE, ROOT
 
-pytest.importorskip("mkdocs", reason="the site needs mkdocs: pip install '.[docs]'")
+pytest.importorskip("mkdocs", reason="the site needs mkdocs: pip install 'annik_ros[docs]'")
 
 pytestmark = pytest.mark.process
 
