@@ -285,7 +285,10 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     LEARN: {"calibrate": result("calibrate"), "learn_robot": result("learn_robot")},
     DOCS / "whole_robot.md": {"robots": result("robots")},
     DOCS / "performance.md": {"node_bench": result("node_bench")},
-    DOCS / "see_your_robot.md": {"long_bag": result("long_bag")},
+    DOCS / "see_your_robot.md": {
+        "long_bag": result("long_bag"),
+        "view_page": result("view_page"),
+    },
 }
 
 
