@@ -30,8 +30,8 @@ _DRAWS = 400
 CONFIDENCE = 0.95
 #: More than the confidence, since sizes and noise of the fit know the example that is left out.
 _MARGIN = 0.015
-#: A bound shrinks at most by this factor, and where the measurements' noise is known, so that the
-#: residuals tell little of the robot, by the second one.
+#: A bound shrinks at most by this factor, and by the second one where the residuals are mostly the
+#: known noise of the measurements, so that they tell little of the robot.
 _LEAST_FACTORS = (0.01, 0.3)
 #: 95th percentile of the length of three independent standard normal coordinates.
 _NOISE_BOUND = 2.795
@@ -199,7 +199,7 @@ def _held_out_factors(
         squares = (residuals**2).sum(axis=1) - (_NOISE_BOUND * known) ** 2
         ratios = np.sqrt(np.maximum(squares, 0.0)) / bounds[counted, index]
         level = min(1.0, (CONFIDENCE + _MARGIN) * (1.0 + 1.0 / len(ratios)))
-        least = _LEAST_FACTORS[0 if known == 0.0 else 1]
+        least = _LEAST_FACTORS[0 if known < 0.5 * scale else 1]
         factors[index] = max(least, float(np.quantile(ratios, level)))
     return factors[0], factors[1]
 
