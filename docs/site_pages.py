@@ -6,10 +6,13 @@ leads to the page of that file, or to the file on GitHub if the site has none.
 
 from __future__ import annotations
 
+import base64
+import json
 import posixpath
 import re
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -21,6 +24,7 @@ OTHER_PAGES = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
+    "docs/few_examples.ipynb": "few_examples.md",
 }
 #: Packages whose public names have a page with their docstrings.
 API_PACKAGES = ("annik_core", "annik_training", "msg_tools")
@@ -28,7 +32,13 @@ API_PACKAGES = ("annik_core", "annik_training", "msg_tools")
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made of files outside docs/, and those of the public names."""
-    pages = {page: (ROOT / file).read_text(encoding="utf-8") for file, page in OTHER_PAGES.items()}
+    pages: dict[str, str | bytes] = {}
+    for file, page in OTHER_PAGES.items():
+        text = (ROOT / file).read_text(encoding="utf-8")
+        if file.endswith(".ipynb"):
+            text, figures = notebook_page(json.loads(text), Path(page).stem)
+            pages |= figures
+        pages[page] = text
     pages |= {f"api/{package}.md": api_page(package) for package in API_PACKAGES}
     for page, text in pages.items():
         files.append(File.generated(config, page, content=text))
@@ -70,6 +80,23 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
         return re.sub(r"(?<=<code>)[^<]+(?=</code>)", breakable, cell[0])
 
     return re.sub(r"<td.*?</td>", in_cell, html, flags=re.S)
+
+
+def notebook_page(notebook: dict[str, Any], name: str) -> tuple[str, dict[str, bytes]]:
+    """A notebook with what it shows as Markdown, and its figures by the names of their files."""
+    parts: list[str] = []
+    figures: dict[str, bytes] = {}
+    for cell in notebook["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            if output["output_type"] == "stream":
+                parts.append(f"```text\n{''.join(output['text'])}```")
+            elif "image/png" in output.get("data", {}):
+                figure = f"images/{name}_{len(figures)}.png"
+                figures[figure] = base64.b64decode(output["data"]["image/png"])
+                parts.append(f"![Figure {len(figures)}]({figure})")
+    return "\n\n".join(parts), figures
 
 
 def api_page(package: str) -> str:
