@@ -43,6 +43,7 @@ DIAGNOSTIC_VALUES: dict[str, dict[str, str]] = {
         "poor",
         "robot": "its name",
         "mode": "network, refined or whole_robot",
+        "task": "pose, position_and_axis or position: what of a target must be reached",
         "forward kinematics": "as described, or learned from how many measured poses: those of "
         "the residuals",
         **_JOINT_STATES,

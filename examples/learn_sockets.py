@@ -187,6 +187,9 @@ def record(
                 guided = logs / f"{name}.csv"
                 positions = guided_positions(robot, place + hole * across, rows, seed=len(files))
                 np.savetxt(guided, positions, delimiter=",")
+                hand = ["-m", "examples.hand", str(arm), str(guided)]
+                # First: a collector that finds the arm in the previous socket could record it.
+                started.start(f"{name}_first", hand).wait(_RECORD_TIMEOUT)
                 collector = started.node(
                     f"{name}_collector",
                     "annik_ros.example_collector.node",
@@ -196,8 +199,7 @@ def record(
                     measurement_timeout=10.0,
                 )
                 collector.wait_for_text("guided by hand", START_TIMEOUT)
-                hand = ["-m", "examples.hand", str(arm), str(guided), str(files[-1])]
-                started.start(f"{name}_hand", hand).wait(_RECORD_TIMEOUT)
+                started.start(f"{name}_hand", [*hand, str(files[-1])]).wait(_RECORD_TIMEOUT)
                 collector.interrupt(END_TIMEOUT)
         fake_robot.interrupt(END_TIMEOUT)
     return files

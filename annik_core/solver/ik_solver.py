@@ -21,6 +21,7 @@ from annik_core.robots.arm_kinematics import CompiledKinematics
 from annik_core.robots.gantry import GantryWorkspace
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import NO_REFERENCE, ResolvedTarget, Robot, check_joint_count
+from annik_core.robots.task import Task
 from annik_core.safety import (
     COMMAND_CHECKS,
     MOTION_CHECKS,
@@ -179,6 +180,11 @@ class IkSolver:
     def refines(self) -> bool:
         """Whether the network's solutions are refined."""
         return self.mode.refines(self.robot)
+
+    @property
+    def task(self) -> Task:
+        """What of a target must be reached; the orientation as near as possible besides."""
+        return Task.POSE if self.whole_robot is None else self.whole_robot.task
 
     @cached_property
     def whole_robot(self) -> WholeRobot | None:

@@ -23,6 +23,7 @@ from annik_core.errors import AnnikError, ConversionError
 from annik_core.installation import default_model_path, model_path
 from annik_core.kernel import NO_KERNEL, compiled_kernel
 from annik_core.robots.robot import Robot
+from annik_core.robots.task import Task
 from annik_core.safety import IkStatus, Refusal
 from annik_core.serving.ik_server import IkServer
 from annik_core.solver.result import IkResult
@@ -249,6 +250,12 @@ class IkNode(ManagedNode):
         self._announce(
             f"serving {model.path} for robot {model.robot.name}: {self._serving.topics}", model
         )
+        task = self._serving.server.solver.task
+        if task is not Task.POSE:
+            self.get_logger().info(
+                f"task {task.value}: where this arm can't reach the orientation of a target, it "
+                "comes as near as possible"
+            )
         return super().on_activate(state)
 
     @logged
@@ -467,6 +474,7 @@ class IkNode(ManagedNode):
             "model quality": str(artifact.quality),
             "robot": artifact.robot.name,
             "mode": server.solver.chosen_mode.value,
+            "task": server.solver.task.value,
             "forward kinematics": _kinematics(artifact.robot),
         }
         return outcome_report(

@@ -12,6 +12,7 @@ import numpy as np
 
 from annik_core.pose import FloatArray
 from annik_core.robots.arm import arm_from_definition
+from annik_core.robots.task import Task
 from annik_core.solver.whole_robot import WholeRobot
 from benchmarks.ik.straight_paths import straight_line
 from benchmarks.ik.verification import ORIENTATION_TOLERANCE, POSITION_TOLERANCE
@@ -180,10 +181,17 @@ def _median_and_p99(times: list[float]) -> tuple[float, float]:
     return median, p99
 
 
-def _right(oracle: Oracle, positions: FloatArray, poses: FloatArray) -> FloatArray:
-    """Which of joint positions ``(n, dof)`` are solutions of poses ``(n, 7)`` in the limits."""
+def _right(
+    oracle: Oracle, positions: FloatArray, poses: FloatArray, task: Task = Task.POSE
+) -> FloatArray:
+    """Which of joint positions ``(n, dof)`` are solutions of poses ``(n, 7)`` in the limits.
+
+    Where the task is less than the pose, the orientation is not compared.
+    """
     distances, angles = oracle.errors(positions, poses)
-    exact = (distances <= POSITION_TOLERANCE) & (angles <= ORIENTATION_TOLERANCE)
+    exact = distances <= POSITION_TOLERANCE
+    if task is Task.POSE:
+        exact &= angles <= ORIENTATION_TOLERANCE
     return np.asarray(exact & oracle.within_limits(positions))
 
 
@@ -224,7 +232,7 @@ def _measured_paths(
                 break
             answered += 1
             positions = candidate.joint_positions
-            wrong += not _right(oracle, positions[np.newaxis], pose[np.newaxis])[0]
+            wrong += not _right(oracle, positions[np.newaxis], pose[np.newaxis], candidate.task)[0]
             step = float(np.abs(positions - previous).max())
             needed = oracle.needed(previous, positions, pose)
             largest, ratio = max(largest, step), max(ratio, step / (needed + _ROUNDING))
