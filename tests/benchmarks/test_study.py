@@ -58,9 +58,9 @@ TINY_OPTIONS = tuple(command(TINY).split()[2:])
 # Each job takes some tenths of a second: long enough that a signal comes in time.
 LONG_OPTIONS = (
     *("--systems", "elbow_arm", "--designs", "sobol,random", "--training", "plain,bayesian"),
-    *("--examples", "128", "--seeds", "10", "--max-evaluations", "80"),
+    *("--examples", "128", "--seeds", "5", "--max-evaluations", "80"),
 )
-LONG_JOBS = 40
+LONG_JOBS = 20
 
 
 def study(folder: Path, *options: object) -> Result:
