@@ -72,7 +72,7 @@ def test_help_lists_every_parameter_and_topic() -> None:
 @pytest.mark.parametrize(
     ("library", "remedy"),
     [
-        ("mcap", "pip install mcap"),
+        ("mcap", "pip install 'annik_ros[serve]'"),
         ("onnxruntime.capi", "pip install onnxruntime"),
         ("geometry_msgs.msg", "source /opt/ros/jazzy/setup.bash"),
         ("rclpy", "source /opt/ros/jazzy/setup.bash"),

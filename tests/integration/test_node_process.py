@@ -167,8 +167,8 @@ def test_help_lists_the_parameters_and_starts_nothing(
         ("ik_node", "onnxruntime", "pip install onnxruntime"),
         ("fake_robot", "rclpy", "source /opt/ros/jazzy/setup.bash"),
         ("fake_robot", "yaml", "pip install pyyaml"),
-        ("bag_recorder", "mcap", "pip install mcap"),
-        ("bag_recorder", "rosbags", "pip install rosbags"),
+        ("bag_recorder", "mcap", "pip install 'annik_ros[serve]'"),
+        ("bag_recorder", "rosbags", "pip install 'annik_ros[serve]'"),
         ("ik_node", "geometry_msgs", "source /opt/ros/jazzy/setup.bash"),
     ],
 )

@@ -146,7 +146,11 @@ def test_a_dragged_target_moves_the_robot_only_while_the_switch_is_on(
     )
     at = client.received["achieved_pose"][-1].pose.position
     np.testing.assert_allclose([at.x, at.y, at.z], goal[:3], atol=1e-4)
-    client.wait_until(lambda: "tracking error" in page.words, "the tracking error is shown")
+    client.repeat_until(
+        lambda: page.drag(goal),
+        lambda: "tracking error" in page.words,
+        "the tracking error is shown",
+    )
 
     page.switch(DRIVE, False)
     client.wait_until(lambda: "moves the robot" not in page.words, "the page says that it stops")

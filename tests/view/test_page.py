@@ -127,10 +127,13 @@ def test_drag_refuse_and_click_in_chromium(page: Page) -> None:
         # A target out of reach is refused, in words.
         near = state.target.copy()
         far = near + np.array([5.0, 0, 0, 0, 0, 0, 0])
-        page.request("target", lambda: state.move_target(far))
-        tab.wait_for_function(
-            "document.querySelector('.annik-readout').innerText.includes('refused')"
-        )
+
+        def refused() -> bool:
+            # Again and again: the last motions of the mouse may come later than this.
+            page.request("target", lambda: state.move_target(far))
+            return "refused" in tab.inner_text(".annik-readout")
+
+        wait_for(refused, "the refusal is shown")
         page.request("target", lambda: state.move_target(near))
 
         # All solutions are shown as ghosts, and a click on one takes it.
