@@ -1,6 +1,7 @@
 """The installed version; where the packaged robots, models and configuration are."""
 
 import difflib
+import os
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -30,6 +31,12 @@ def share_directory() -> Path:
         f"no share/annik_ros folder above {module}: the installation is incomplete, "
         "install annik_ros again"
     )
+
+
+def ament_prefixes() -> list[Path]:
+    """The prefixes of ROS packages that are sourced, the first to look in first."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return [Path(prefix) for prefix in prefixes if prefix]
 
 
 def default_model_path() -> Path:

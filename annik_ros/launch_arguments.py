@@ -1,6 +1,5 @@
 """The arguments of the launch files, checked before anything starts. Needs no ROS."""
 
-import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 
 from annik_core.errors import InvalidValue, one_line
 from annik_core.files import bounded_yaml, expanded, read_text
-from annik_core.installation import model_path, packaged_models
+from annik_core.installation import ament_prefixes, model_path, packaged_models
 from annik_core.target_paths import PathKind, TargetPath
 from annik_ros.parameters import parameter_table
 from annik_ros.target_publisher.parameters import TargetPublisherParameters
@@ -142,9 +141,8 @@ def _rviz(name: str, text: str) -> bool:
 
 def _is_ros_package(name: str) -> bool:
     """Whether the ament index has a package."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     index = Path("share", "ament_index", "resource_index", "packages", name)
-    return any((prefix / index).is_file() for prefix in map(Path, filter(None, prefixes)))
+    return any((prefix / index).is_file() for prefix in ament_prefixes())
 
 
 def _log_level(name: str, text: str) -> str:

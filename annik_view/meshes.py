@@ -1,6 +1,5 @@
 """The meshes of a URDF's links, where they are found."""
 
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -9,6 +8,7 @@ import numpy as np
 
 from annik_core.errors import AnnikError
 from annik_core.files import expanded
+from annik_core.installation import ament_prefixes
 from annik_core.robots.screw_chain import joint_origin
 from annik_core.robots.urdf_text import decoded, parsed
 from annik_view.shapes import Mesh
@@ -71,10 +71,9 @@ def _file(name: str, urdf: Path) -> Path | None:
     """The file of a mesh; None if it is not there."""
     if name.startswith("package://"):
         package, _, rest = name.removeprefix("package://").partition("/")
-        prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
         folders = [
             *(folder for folder in urdf.parents if folder.name == package),
-            *(Path(prefix, "share", package) for prefix in prefixes),
+            *(prefix / "share" / package for prefix in ament_prefixes()),
         ]
         candidates = [folder / rest for folder in folders]
     else:
