@@ -34,6 +34,8 @@ POSE_FIELDS = (
 QUATERNION_NORM_TOLERANCE = 1e-3
 #: Within this part of it, however the norm is rounded.
 CERTAIN_NORM = (1.0 - 1e-9) * QUATERNION_NORM_TOLERANCE
+#: Nearer to 90 degrees, roll and yaw lose digits: the encoding in a model's graph has more [rad].
+ACCURATE_PITCH = 0.5 * math.pi - 1e-3
 #: A norm this close to one is one, to rounding.
 _ROUNDING = 4 * float(np.finfo(np.float64).eps)
 

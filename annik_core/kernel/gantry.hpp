@@ -32,9 +32,6 @@ struct Bounds {
 };
 
 struct Gantry {
-  // Nearer to 90 degrees, roll and yaw are left to the graph of the network [rad].
-  static constexpr double ACCURATE_PITCH = 1.5707963267948966 - 1e-3;
-
   Six ratio{}, offset{};
 
   // Of a checked pose; see annik_core.pose.roll_pitch_yaw.

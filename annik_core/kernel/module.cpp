@@ -509,7 +509,8 @@ class PyBoundSolve : public Object {
     found_ = aligned(output_.data());
   }
 
-  // The checked pose, its features written to the network's input; None if it may be refused.
+  // The checked pose and no reference, its features written to the network's input; None if it may
+  // be refused.
   py::object prepare(const py::object& pose) {
     constructed(dof_);
     std::optional<Array> target = certain_pose(pose, norm_tolerance_);
@@ -521,19 +522,20 @@ class PyBoundSolve : public Object {
     const double features[] = {p[0], p[1], p[2], x * x, y * y, z * z, w * w,
                                x * y, x * z, x * w, y * z, y * w, z * w};
     std::copy_n(features, 13, features_);
-    return std::move(*target);
+    return py::make_tuple(std::move(*target), py::tuple());
   }
 
-  // :meth:`prepare`, a network of the kernel, and :meth:`finish`: target, reference (none) and what that gives.
+  // :meth:`prepare`, a network of the kernel, and :meth:`finish`: target, no reference and what that gives.
   py::object solve(const PyNetwork& network, const py::object& pose) {
-    py::object target = prepare(pose);
-    if (target.is_none()) return target;
+    const py::object prepared = prepare(pose);
+    if (prepared.is_none()) return prepared;
     if (network.network().inputs != 13 || network.outputs() != dof_)
       throw std::invalid_argument("the network must have 13 inputs, and one output a joint");
     network.network().run(features_, output_.mutable_data());
-    py::object found = finish(py::reinterpret_borrow<Array>(target));
+    const auto [target, reference] = prepared.cast<std::pair<Array, py::tuple>>();
+    py::object found = finish(target);
     if (found.is_none()) return found;
-    return py::make_tuple(std::move(target), py::tuple(), std::move(found));
+    return py::make_tuple(target, reference, std::move(found));
   }
 
   // Joint positions, residuals and steps for the network's output, or None if a check may refuse.
@@ -572,7 +574,7 @@ class PyBoundGantry : public Object {
  public:
   // ``input``, ``output``: the network's task coordinates (6,) and drive angles (6,). ``ratio``,
   // ``offset``: of the transmissions. ``inside``: bounds (2, 6) of task coordinates that are in the
-  // workspace for certain; ``limits``: bounds (2, 6) of drive angles.
+  // workspace for certain, and of which the network is given roll and yaw; ``limits``: bounds (2, 6) of drive angles.
   PyBoundGantry(const Memory& input, const Memory& output, const Array& ratio, const Array& offset,
                 const Array& inside, const Array& limits, double max_position_residual,
                 double max_orientation_residual, double norm_tolerance)
@@ -601,7 +603,7 @@ class PyBoundGantry : public Object {
     std::optional<Array> target = certain_pose(pose, norm_tolerance_);
     if (!target) return py::none();
     const Six task = Gantry::task_coordinates(target->data());
-    if (!(std::abs(task[4]) < Gantry::ACCURATE_PITCH) || !inside_.contain(task)) return py::none();
+    if (!inside_.contain(task)) return py::none();
     std::copy(task.begin(), task.end(), task_);
     return py::make_tuple(std::move(*target), py::make_tuple(task[3], task[4], task[5]));
   }

@@ -5,7 +5,6 @@ single numbers, most of the time, that of an arm a quarter. :data:`PLAIN_ENCODIN
 plain floats.
 """
 
-import math
 import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,10 +14,8 @@ import numpy as np
 import onnxruntime
 
 from annik_core.model.errors import UnreadableModel
-from annik_core.pose import FloatArray, roll_pitch_yaw
+from annik_core.pose import ACCURATE_PITCH, FloatArray, roll_pitch_yaw
 
-#: Nearer to 90 degrees, the encoding in the graph is more accurate [rad].
-_ACCURATE_PITCH = 0.5 * math.pi - 1e-3
 # Several times faster than an assignment to an array.
 _SIX_DOUBLES, _THIRTEEN_DOUBLES = struct.Struct("6d").pack, struct.Struct("13d").pack
 
@@ -86,7 +83,7 @@ def task_coordinates(pose: FloatArray) -> bytes | None:
     """x, y, z [m], roll, pitch, yaw [rad], as float64; None if the graph is more accurate."""
     x, y, z, *quaternion = pose.tolist()
     roll, pitch, yaw = roll_pitch_yaw(quaternion)
-    return _SIX_DOUBLES(x, y, z, roll, pitch, yaw) if abs(pitch) < _ACCURATE_PITCH else None
+    return _SIX_DOUBLES(x, y, z, roll, pitch, yaw) if abs(pitch) <= ACCURATE_PITCH else None
 
 
 def position_and_products(pose: FloatArray) -> bytes:

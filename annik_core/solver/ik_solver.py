@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from annik_core.errors import InvalidValue, NonFiniteValue, NotUnitQuaternion
 from annik_core.kernel import compiled_kernel
-from annik_core.pose import CERTAIN_NORM, FloatArray, Numbers, checked_pose, normalise_rows
+from annik_core.pose import (
+    ACCURATE_PITCH,
+    CERTAIN_NORM,
+    FloatArray,
+    Numbers,
+    checked_pose,
+    normalise_rows,
+)
 from annik_core.robots.arm import ArmWorkspace
 from annik_core.robots.arm_kinematics import CompiledKinematics
 from annik_core.robots.gantry import GantryWorkspace
@@ -46,6 +53,7 @@ from annik_core.solver.whole_robot import WholeRobot
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
+    from annik_core.model.session import BoundSession
     from annik_core.solver.refinement import Refinement
 
 #: Poses in a call of the network: as many as leave its activations in a processor's cache.
@@ -355,29 +363,26 @@ class IkSolver:
         )
         if self.artifact.start_network is not None:
             return partial(bound.solve, self.artifact.start_network)
-
-        def solve(pose: ArrayLike) -> Any:
-            target = bound.prepare(pose)
-            if target is None:
-                return None
-            self.artifact.run(network)
-            found = bound.finish(target)
-            return None if found is None else (target, NO_REFERENCE, found)
-
-        return solve
+        return self._around_network(bound, network)
 
     def _gantry_in_kernel(self, workspace: GantryWorkspace) -> Callable[[ArrayLike], Any] | None:
         robot, limits, kernel = self.robot, self.limits, compiled_kernel()
         network = self.artifact.after_encoding("position_roll_pitch_yaw")
         if network is None or self.refines or robot.turning or kernel is None:
             return None
+        inside = workspace.certainly_inside.copy()
+        inside[:, 4] = inside[:, 4].clip(-ACCURATE_PITCH, ACCURATE_PITCH)
         bound = kernel.BoundGantry(
             *(network.input_row, network.output_row),
-            *(workspace.kinematics.ratio, workspace.kinematics.offset, workspace.certainly_inside),
+            *(workspace.kinematics.ratio, workspace.kinematics.offset, inside),
             np.array([robot.joint_limits.lower, robot.joint_limits.upper]),
             *(limits.max_position_residual, limits.max_orientation_residual),
             CERTAIN_NORM,
         )
+        return self._around_network(bound, network)
+
+    def _around_network(self, bound: Any, network: "BoundSession") -> Callable[[ArrayLike], Any]:
+        """The same, the network's output computed by onnxruntime."""
 
         def solve(pose: ArrayLike) -> Any:
             prepared = bound.prepare(pose)

@@ -392,7 +392,8 @@ class TestBadInput:
             assert bound.prepare(wrong) is None
         assert not memory[0].any()
         for same in (self.target, self.target.tolist(), tuple(self.target.tolist())):
-            assert np.array_equal(bound.prepare(same), self.target)
+            target, reference = bound.prepare(same)
+            assert np.array_equal(target, self.target) and reference == ()
         memory[1][:] = np.nan
         assert bound.finish(self.target) is None
 
