@@ -156,14 +156,14 @@ def arm_from_definition(definition: Mapping[str, Any], source: str) -> Robot:
 def _joint_box(
     entries: Mapping[str, object], chain: SerialChain, limits: JointLimits, source: str
 ) -> JointLimits:
-    """The given joint box, completed by the limits, soft ones where there are."""
+    """The given joint box, completed by the limits."""
     joints = ", ".join(chain.joint_names)
     for joint in entries:
         if joint not in chain.joint_names:
             raise InvalidRobotDefinition(
                 source, f"'joint_box' names {joint!r}, which is no joint of the chain: {joints}"
             )
-    lower, upper = np.array(chain.soft_lower), np.array(chain.soft_upper)
+    lower, upper = limits.lower.copy(), limits.upper.copy()
     for index, joint in enumerate(chain.joint_names):
         kind = chain.joint_types[index]
         if kind == "continuous":

@@ -25,9 +25,8 @@ class SerialChain:
 
     Attributes:
         urdf: the chain alone, as URDF text that is the same for the same chain.
-        lower: lower limits [rad or m]; for a continuous joint
+        lower: lower limits, soft ones where there are [rad or m]; for a continuous joint
             :data:`annik_core.robots.urdf_joint.CONTINUOUS_LIMIT`.
-        soft_lower: lower limits within the soft limits of ``<safety_controller>``.
         masses: of the links [kg], at the places of a deflection; see
             :func:`annik_core.robots.link_masses.masses_at_places`. None: not in the URDF.
     """
@@ -40,8 +39,6 @@ class SerialChain:
     joint_types: tuple[str, ...]
     lower: tuple[float, ...]
     upper: tuple[float, ...]
-    soft_lower: tuple[float, ...]
-    soft_upper: tuple[float, ...]
     masses: tuple[float, ...] | None = None
 
 
@@ -88,8 +85,6 @@ def serial_chain(
         joint_types=tuple(joint.kind for joint in moving),
         lower=tuple(joint.limits[0] for joint in moving),
         upper=tuple(joint.limits[1] for joint in moving),
-        soft_lower=tuple(joint.soft_limits[0] for joint in moving),
-        soft_upper=tuple(joint.soft_limits[1] for joint in moving),
         masses=masses_at_places(root, tree, base, path),
     )
 

@@ -103,7 +103,14 @@ class UrdfJoint:
 
     @cached_property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit of a moving joint [rad or m]; if it has none, the given ones."""
+        """Lower and upper limit of a moving joint [rad or m], within its soft limits.
+
+        A joint whose interval is given has its hard limits, or, if it has none, the given ones.
+        """
+        return self._soft_limits if self.given is None else self._hard_limits
+
+    @cached_property
+    def _hard_limits(self) -> tuple[float, float]:
         if self.kind == "continuous":
             # It has no limits; some descriptions write -inf and inf.
             return -CONTINUOUS_LIMIT, CONTINUOUS_LIMIT
@@ -112,19 +119,19 @@ class UrdfJoint:
             raise self._refused(f"has the lower limit {lower} above its upper limit {upper}")
         return lower, upper
 
-    @cached_property
-    def soft_limits(self) -> tuple[float, float]:
-        """The part of its limits that is within its soft limits, if it has any."""
+    @property
+    def _soft_limits(self) -> tuple[float, float]:
         keys = ("soft_lower_limit", "soft_upper_limit")
         low, high = (self._number("safety_controller", key) for key in keys)
         # The standard's default is 0 for both: none.
         if self.kind == "continuous" or low is None or high is None or low == high == 0.0:
-            return self.limits
-        soft = max(self.limits[0], low), min(self.limits[1], high)
+            return self._hard_limits
+        lower, upper = self._hard_limits
+        soft = max(lower, low), min(upper, high)
         if soft[0] > soft[1]:
             raise self._refused(
                 f"has no position within both its soft limits [{low}, {high}] and its limits "
-                f"{list(self.limits)}"
+                f"{[lower, upper]}"
             )
         return soft
 
@@ -156,7 +163,7 @@ class UrdfJoint:
         shortest, longest = _AXIS_LENGTHS
         if not shortest < math.hypot(*self.axis) < longest:
             raise self._refused(f"has the axis {self.axis}: not a direction")
-        _ = self.soft_limits
+        _ = self.limits
 
     def _check_elements(self) -> None:
         """Refuse what would change the kinematics and is not understood."""

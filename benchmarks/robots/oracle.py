@@ -57,7 +57,15 @@ class Oracle:
                 bounds.append((-np.inf, np.inf))
             elif joint.get("type") != "fixed":
                 assert limit is not None  # otherwise annik has refused the arm
-                bounds.append((float(limit.get("lower", 0)), float(limit.get("upper", 0))))
+                low, high = float(limit.get("lower", 0)), float(limit.get("upper", 0))
+                soft = joint.find("safety_controller")
+                if soft is not None:
+                    soft_low, soft_high = (
+                        float(soft.get(f"soft_{end}_limit") or 0.0) for end in ("lower", "upper")
+                    )
+                    if soft_low != 0.0 or soft_high != 0.0:
+                        low, high = max(low, soft_low), min(high, soft_high)
+                bounds.append((low, high))
         lower, upper = np.array(bounds).T
         return cls(SerialChain.from_urdf(arm.urdf, *frames), lower, upper)
 

@@ -66,6 +66,14 @@ def test_the_oracle_knows_limits_and_kinematics(oracle: Oracle) -> None:
     assert max(distances.max(), angles.max()) < 1e-12
 
 
+def test_the_oracle_keeps_soft_limits(ur5e: ArmFile, oracle: Oracle) -> None:
+    soft = '<safety_controller soft_lower_limit="-1" soft_upper_limit="9"/></joint>'
+    first, *others = ur5e.urdf.split("</joint>")
+    kept = Oracle.of(replace(ur5e, urdf=first + soft + "</joint>".join(others)))
+    assert kept.lower.tolist() == [-1.0, *oracle.lower[1:]]
+    assert kept.upper.tolist() == oracle.upper.tolist()
+
+
 def test_restarts_find_the_eight_solutions_of_a_ur(oracle: Oracle) -> None:
     rng = np.random.default_rng(3)
     home = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])

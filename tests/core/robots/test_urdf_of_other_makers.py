@@ -14,7 +14,7 @@ from support.refused_definition import refused_definition
 from support.urdf_texts import J1, J2, TWO_JOINTS, joint, planar_arm, urdf
 
 from annik_core.pose import FloatArray, pose_distance
-from annik_core.robots.library import load_robot
+from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.urdf import serial_chain
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
@@ -294,13 +294,17 @@ class TestNeverDropped:
             end_effector_frame="c",
         )
 
-    def test_soft_limits_are_the_joint_box(self) -> None:
-        """The limits are those of the robot; the box can be widened up to them."""
+    def test_soft_limits_are_the_limits(self) -> None:
+        """Such an arm is a whole robot; a joint whose interval is given has its hard limits."""
         soft = "<safety_controller soft_lower_limit='-0.5' soft_upper_limit='7' k_velocity='1'/>"
         robot = load_robot(second(soft))
         assert (robot.joint_box.lower[1], robot.joint_box.upper[1]) == (-0.5, 1.0)
-        assert robot.joint_limits.lower[1] == -1.0
-        assert load_robot(second(soft), joint_box={"j2": [-1, 1]}).joint_box.lower[1] == -1.0
+        assert (robot.joint_limits.lower[1], robot.joint_limits.upper[1]) == (-0.5, 1.0)
+        assert robot.has_whole_box
+        assert robot_from_definition(robot.definition, "").joint_limits.lower[1] == -0.5
+        for low in (-1.0, -0.75):
+            boxed = load_robot(second(soft), joint_box={"j2": [low, 1]})
+            assert (boxed.joint_box.lower[1], boxed.joint_limits.lower[1]) == (low, -1.0)
         for low, high in (("2", "3"), ("x", "1"), ("nan", "1")):
             wrong = soft.replace("'-0.5'", f"'{low}'").replace("'7'", f"'{high}'")
             refused(second(wrong), "'j2'", "soft")
