@@ -105,9 +105,12 @@ def findings(robot: Robot) -> list[str]:
     return [*found, f"with {locks}: {branches}" if locks else branches]
 
 
-def regularity(robot: Robot, joint_positions: FloatArray) -> FloatArray:
-    """How far from singular the Jacobians at joint positions ``(n, dof)`` are, in no unit."""
-    jacobians = _scaled_jacobians(robot, joint_positions, robot.joint_box)
+def regularity(robot: Robot, box: JointLimits, joint_positions: FloatArray) -> FloatArray:
+    """How far from singular the Jacobians at joint positions ``(n, dof)`` are, in no unit.
+
+    Of the joints that are free in a box.
+    """
+    jacobians = _scaled_jacobians(robot, joint_positions, box)
     values: FloatArray = np.linalg.svd(jacobians)[1]
     rank = int((values > _ZERO * values[:, :1]).sum(axis=1).max())
     return values[:, rank - 1]
@@ -184,6 +187,8 @@ def _determinants(robot: Robot, lines: FloatArray, box: JointLimits) -> FloatArr
     count, steps, dof = lines.shape
     jacobians = _scaled_jacobians(robot, lines.reshape(-1, dof), box)
     jacobians = jacobians.reshape(count, steps, 6, len(box.free))
+    if len(box.free) == 6:
+        return np.asarray(np.linalg.det(jacobians))
     spans = np.linalg.svd(jacobians, full_matrices=False)[0]
     span, found = spans[:, 0], np.empty((count, steps))
     followed = np.ones(count, dtype=bool)

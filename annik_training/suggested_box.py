@@ -54,12 +54,15 @@ def suggested_box(robot: Robot, around: FloatArray | None = None) -> JointLimits
         )
     limits, free = robot.joint_limits, robot.joint_box.free
     locks = [*mobility(robot).locks, *np.setdiff1d(np.arange(robot.dof), free).tolist()]
-    sample = _inner_sample(robot, locks)
+    middle, bounds = robot.joint_box.centre, [robot.joint_box.lower, robot.joint_box.upper]
+    lower, upper = (np.where(np.isin(np.arange(robot.dof), locks), middle, b) for b in bounds)
+    without_locks = JointLimits(limits.joint_names, lower, upper)
+    sample = _inner_sample(without_locks)
     if around is None:
-        around = sample[np.argmax(regularity(robot, sample))]
+        around = sample[np.argmax(regularity(robot, without_locks, sample))]
     if not limits.contains(around):
         raise NoSuggestion("a joint is outside its limits", "give others, by --around JOINT=VALUE")
-    usual = regularity(robot, np.concatenate([around[np.newaxis], sample]))
+    usual = regularity(robot, without_locks, np.concatenate([around[np.newaxis], sample]))
     if usual[0] < _TOO_NEAR * np.median(usual):
         raise _too_near()
     lower, upper = np.maximum(limits.lower, -1e3), np.minimum(limits.upper, 1e3)
@@ -93,11 +96,9 @@ def _too_near() -> NoSuggestion:
     return NoSuggestion(reason, "give others, by --around JOINT=VALUE")
 
 
-def _inner_sample(robot: Robot, locks: list[int]) -> FloatArray:
-    box = robot.joint_box
-    unit = qmc.Sobol(robot.dof, seed=0).random(512)
+def _inner_sample(box: JointLimits) -> FloatArray:
+    unit = qmc.Sobol(len(box.lower), seed=0).random(512)
     sample: FloatArray = box.lower + (0.1 + 0.8 * unit) * (box.upper - box.lower)
-    sample[:, locks] = box.centre[locks]
     return sample
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.joint_box import findings
 from annik_training.suggested_box import NoSuggestion, suggested_box
+
+KINOVA = Path(__file__).parents[3] / "shared" / "robots" / "kinova_gen3.urdf"
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +81,15 @@ def test_a_joint_that_is_locked_stays_so() -> None:
     assert found.free.tolist() == [0, 1, 3, 4, 5, 6]
     assert found.lower[2] == around[2]
     assert found.contains(around)
+
+
+@pytest.mark.skipif(not KINOVA.is_file(), reason="../shared/robots is not beside this checkout")
+def test_it_is_around_what_is_regular_without_the_redundant_joint() -> None:
+    """With all seven joints another place is the farthest from a singularity."""
+    robot = load_robot(KINOVA, base_frame="base_link", end_effector_frame="EndEffector_Link")
+    found = suggested_box(robot)
+    assert len(found.free) == 6
+    jacobians = robot.forward_kinematics.jacobians(found.sample(5_000, np.random.default_rng(7)))
+    signs = np.sign(np.linalg.det(jacobians[:, :, found.free]))
+    assert np.mean(signs == np.median(signs)) > 0.9999
+    assert np.prod((found.upper - found.lower)[found.free] / (2.0 * math.pi)) > 0.01
