@@ -14,13 +14,18 @@ from typing import Protocol, runtime_checkable
 from annik_core.installation import annik_version
 from annik_core.model.artifact import Model
 from annik_core.pose import FloatArray
+from annik_core.robots.robot import Robot
 from annik_core.safety import AcceptanceLimits
 from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.result import RefinementOptions
+from annik_core.solver.search import SearchOptions
+from annik_view.solvers import solver_for
 from benchmarks.ik.peers.peer import Kind, Peer
 
 NETWORK = "annik, network"
 REFINED = "annik, refined"
 NO_KERNEL = "annik, kernel off"
+WHOLE_ROBOT = "annik"
 AS_DESCRIBED = "annik, robot as described"
 
 
@@ -42,9 +47,14 @@ class _Annik(Peer):
         self.settings = settings
         self._solver = solver
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        return self._solver.solve(pose).joint_positions
+        return self._solver.solve(pose, start).joint_positions
+
+    def solutions(self, pose: FloatArray) -> list[FloatArray]:
+        """See :meth:`benchmarks.ik.peers.peer.SolvesAll.solutions`."""
+        found = (result.joint_positions for result in self._solver.solutions(pose))
+        return [positions for positions in found if positions is not None]
 
     def solve_batch(self, poses: FloatArray) -> object:
         """See :class:`BatchSolver`; on one thread, as the others are called."""
@@ -60,6 +70,17 @@ def refined(artifact: Model, name: str = REFINED) -> Peer:
         solver,
         f"tolerance {options.tolerance:g}, up to {options.max_newton_steps} steps from the "
         "network's output, no random restarts, limits = box",
+    )
+
+
+def whole_robot(robot: Robot) -> Peer:
+    """The solver on the whole of an arm, without a network."""
+    options = SearchOptions()
+    return _Annik(
+        WHOLE_ROBOT,
+        solver_for(robot),
+        f"no network, tolerance {RefinementOptions().tolerance:g}, up to {options.max_starts} "
+        "starts from computed examples and a low-discrepancy sequence",
     )
 
 

@@ -52,9 +52,7 @@ def calibrated(model: Model, rng: np.random.Generator) -> Model:
     """The model of a robot with drawn differences."""
     robot = model.robot
     dof, box = robot.dof, robot.joint_box
-    twists = _PLACEMENT * rng.normal(size=(dof + 1, 6))
-    halves = np.hstack([0.5 * twists[:, 3:], np.ones((dof + 1, 1))])
-    quaternions = halves / np.linalg.norm(halves, axis=1, keepdims=True)
+    placements = _placements(dof, rng)
     half_width = np.where(box.upper > box.lower, 0.5 * (box.upper - box.lower), 1.0)
     joints = JointNetworks(
         box.centre,
@@ -70,10 +68,22 @@ def calibrated(model: Model, rng: np.random.Generator) -> Model:
         rng.normal(size=_POSE_UNITS),
         _BEND / _POSE_UNITS * rng.normal(size=(6, _POSE_UNITS)),
     )
-    placements = np.hstack([twists[:, :3], quaternions])
     corrections = ArmCorrections(placements, joints, pose)
     definition = {**robot.definition, "corrections": corrections.to_dict()}
     return replace(model, robot=robot_from_definition(definition, "the calibrated robot's"))
+
+
+def _placements(dof: int, rng: np.random.Generator) -> FloatArray:
+    """Drawn differences of links and axes ``(dof + 1, 7)``."""
+    twists = _PLACEMENT * rng.normal(size=(dof + 1, 6))
+    halves = np.hstack([0.5 * twists[:, 3:], np.ones((dof + 1, 1))])
+    return np.hstack([twists[:, :3], halves / np.linalg.norm(halves, axis=1, keepdims=True)])
+
+
+def calibrated_urdf(robot: Robot, rng: np.random.Generator) -> str:
+    """The URDF of an arm with other lengths and angles."""
+    chain, _ = _parts(robot)
+    return _urdf(robot, chain.moved(_placements(robot.dof, rng)))
 
 
 def without_kernel(model: Model) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -37,9 +38,14 @@ from benchmarks.ik.results import QUICK, BenchResults, BenchSettings
 from benchmarks.ik.robot_problem import robot_problem
 from benchmarks.ik.run import run_bench
 from benchmarks.ik.terminal import print_results
+from benchmarks.ik.whole_robot import WholeResults, measure_whole_robots
+from benchmarks.ik.whole_robot_page import whole_robot_page
+from benchmarks.plain_data import built
 
 PAGE = "ik_bench.md"
 DATA = "ik_bench.json"
+WHOLE_PAGE, WHOLE_DATA = "ik_whole_robot.md", "ik_whole_robot.json"
+PARTS = BOX, WHOLE = "box", "whole_robot"
 _FILE_WIDTH = 120
 _STANDARD = BenchSettings()
 
@@ -86,6 +92,21 @@ class NoModelForBench(AnnikError):
     type=click.IntRange(0),
     help=f"Of targets and lines, apart from those of training (default {_STANDARD.seed}).",
 )
+@click.option(
+    "--recall-poses",
+    type=click.IntRange(1),
+    help=f"Of a whole robot, whose solutions are all sought (default {_STANDARD.recall_poses}).",
+)
+@click.option(
+    "--restarts",
+    type=click.IntRange(1),
+    help=f"Of a reference on each of these (default {_STANDARD.restarts}).",
+)
+@click.option(
+    "--part",
+    type=click.Choice(PARTS),
+    help="One robot in its joint box, or several whole robots (default: both).",
+)
 @quick_option("Everything, roughly")
 @page_only_option()
 @out_option("bench", "page and data")
@@ -93,6 +114,7 @@ class NoModelForBench(AnnikError):
 def ik(
     robot_name: str,
     model: Path | None,
+    part: str | None,
     quick: bool,
     page_only: bool,
     out: Path,
@@ -103,19 +125,46 @@ def ik(
 
     Success, branch, times, straight paths and throughput of every solver that is installed; the
     others are skipped and named. `./run bench ik` installs them all, in an environment of their
-    own.
+    own. The same of five whole robots: poses of the full joint range, all solutions, paths that
+    are followed.
     """
     if page_only:
         rewrite_page(docs, PAGE, DATA, lambda data: bench_page(BenchResults.from_dict(data)))
+        rewrite_page(
+            docs,
+            WHOLE_PAGE,
+            WHOLE_DATA,
+            lambda data: whole_robot_page(built(WholeResults, data)),
+        )
         return
     settings = chosen(QUICK if quick else _STANDARD, amounts)
     standard = settings == _STANDARD and robot_name == "ur5e" and model is None
     docs = docs_folder(docs, standard=standard, quick=quick)
     folders = output_folders(out, docs)
-    robot = load_robot(robot_name)
-    robot_problem(robot)
-    artifact = load_model(model or _packaged_model(robot.name), robot)
-    with Progress(
+    if part != WHOLE:
+        robot = load_robot(robot_name)
+        robot_problem(robot)
+        artifact = load_model(model or _packaged_model(robot.name), robot)
+        with _progress() as progress:
+            results = run_bench(artifact, settings, _Shown(progress))
+        console = Console()
+        # A file or a pipe has no width of its own, and rich would take 80 columns for it.
+        print_results(results, console if console.is_terminal else Console(width=_FILE_WIDTH))
+        write_results(folders, {PAGE: bench_page(results), DATA: _json(results.to_dict())})
+    if part != BOX:
+        with _progress() as progress:
+            whole = measure_whole_robots(settings, _Shown(progress))
+        page = whole_robot_page(whole)
+        click.echo(page)
+        write_results(folders, {WHOLE_PAGE: page, WHOLE_DATA: _json(asdict(whole))})
+
+
+def _json(data: object) -> str:
+    return json.dumps(data, indent=2, allow_nan=False) + "\n"
+
+
+def _progress() -> Progress:
+    return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -123,13 +172,7 @@ def ik(
         console=Console(stderr=True),
         # Each redraw takes time from the solvers; and none is in the midst of one.
         auto_refresh=False,
-    ) as progress:
-        results = run_bench(artifact, settings, _Shown(progress))
-    console = Console()
-    # A file or a pipe has no width of its own, and rich would take 80 columns for it.
-    print_results(results, console if console.is_terminal else Console(width=_FILE_WIDTH))
-    data = json.dumps(results.to_dict(), indent=2, allow_nan=False) + "\n"
-    write_results(folders, {PAGE: bench_page(results), DATA: data})
+    )
 
 
 def _packaged_model(robot: str) -> Path:

@@ -1,8 +1,9 @@
 """Continuity of each solver's solutions along straight paths.
 
-The solvers are not given the previous solution: the question is whether their solution is a
-continuous function of the pose. Steps are taken between the solutions as returned, right or wrong;
-where there is none, the next one is compared with the last.
+In a joint box, the solvers are not given the previous solution: the question is whether their
+solution is a continuous function of the pose. On a whole robot, where it can't be, they follow:
+each is given its own previous solution. Steps are taken between the solutions as returned, right
+or wrong; where there is none, the next one is compared with the last.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ class PathResult:
 
     Attributes:
         paths: how many there were.
-        solved: paths of which every point was solved, by the independent forward kinematics.
+        solved: paths of which every point was solved, by the independent forward kinematics;
+            where they are followed, within the limits.
         changing: paths with a branch change: a joint step of more than :data:`FACTOR` times the
             largest of the path's own continuous solution, and :data:`MARGIN` more than it.
         largest_step: of a joint from one point to the next, on all paths [rad or m].
@@ -57,6 +59,8 @@ def measure_paths(
     paths: Sequence[StraightPath],
     verifier: Verifier,
     on_path: Callable[[int], None] = lambda done: None,
+    *,
+    follow: bool = False,
 ) -> dict[str, PathResult]:
     """Let all solvers follow all paths.
 
@@ -65,6 +69,7 @@ def measure_paths(
         paths: at least one.
         verifier: of the problem that the solvers were made for.
         on_path: called with the number of finished paths.
+        follow: whether each solver is given its previous solution, at first the path's own.
 
     Returns:
         By the solvers' names.
@@ -73,7 +78,7 @@ def measure_paths(
     for done, path in enumerate(paths, start=1):
         with no_garbage_collection():
             for solver in solvers:
-                found[solver.name].append(_one_path(solver, path, verifier))
+                found[solver.name].append(_one_path(solver, path, verifier, follow))
         on_path(done)
     return {
         name: PathResult(
@@ -87,14 +92,17 @@ def measure_paths(
     }
 
 
-def _one_path(solver: Peer, path: StraightPath, verifier: Verifier) -> _OnePath:
+def _one_path(solver: Peer, path: StraightPath, verifier: Verifier, follow: bool) -> _OnePath:
     solutions = np.full_like(path.joint_positions, np.nan)
     dof = len(verifier.problem.joint_names)
+    previous = path.joint_positions[0] if follow else None
     for row, pose in enumerate(path.poses):
-        solution = timed_solve(solver, pose, dof).joint_positions
+        solution = timed_solve(solver, pose, dof, start=previous).joint_positions
         if solution is not None:
             solutions[row] = solution
-    solved = bool(verifier.verified(solutions, path.poses).right.all())
+            previous = solution if follow else None
+    verified = verifier.verified(solutions, path.poses)
+    solved = bool((verified.in_limits if follow else verified.right).all())
     return _OnePath(solved, *_spread(solutions, path, verifier))
 
 

@@ -18,7 +18,9 @@ def command(results: BenchResults) -> str:
     standard = asdict(QUICK if settings == QUICK else BenchSettings())
     options = ["--quick"] if settings == QUICK else []
     options += [
-        f"--{name} {value}" for name, value in asdict(settings).items() if value != standard[name]
+        f"--{name.replace('_', '-')} {value}"
+        for name, value in asdict(settings).items()
+        if value != standard[name]
     ]
     if not results.model.packaged:
         options.insert(0, f"--model {results.model.file}")

@@ -32,16 +32,23 @@ class TimedSolution(NamedTuple):
 
 
 def timed_solve(
-    solver: Peer, pose: FloatArray, dof: int, clock: Clock = time.perf_counter_ns
+    solver: Peer,
+    pose: FloatArray,
+    dof: int,
+    clock: Clock = time.perf_counter_ns,
+    start: FloatArray | None = None,
 ) -> TimedSolution:
-    """Let a solver solve one pose ``(7,)`` for ``dof`` joints; only its own call is timed."""
-    # A solver may write to its argument.
-    own = pose.copy()
+    """Let a solver solve one pose ``(7,)`` for ``dof`` joints; only its own call is timed.
+
+    From a start ``(dof,)``, or, without, from its own.
+    """
+    # A solver may write to its arguments.
+    own = [pose.copy(), *([] if start is None else [start.copy()])]
     fault = ""
     returned: object = None
     begin = clock()
     try:
-        returned = solver.solve(own)
+        returned = solver.solve(*own)
     except (KeyboardInterrupt, SystemExit):
         raise
     # A panic of a Rust library is a BaseException.

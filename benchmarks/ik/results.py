@@ -25,6 +25,8 @@ class BenchSettings:
         paths: straight lines.
         points: on each line.
         rounds: how often each solver is timed on each target.
+        recall_poses: of a whole robot, whose solutions are all sought; the first of the targets.
+        restarts: of a reference on each of these.
         seed: of targets and lines; apart from those of training, so that none is an example.
     """
 
@@ -32,11 +34,13 @@ class BenchSettings:
     paths: int = 200
     points: int = 100
     rounds: int = 3
+    recall_poses: int = 100
+    restarts: int = 2000
     seed: int = 2026
 
 
 #: Every part, roughly: to see that it works.
-QUICK = BenchSettings(targets=50, paths=5, points=20, rounds=1)
+QUICK = BenchSettings(targets=50, paths=5, points=20, rounds=1, recall_poses=5, restarts=200)
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,7 @@ def straight_paths(
     points: int,
     rng: np.random.Generator,
     on_path: Callable[[int], None] = lambda found: None,
+    far: float | None = None,
 ) -> tuple[list[StraightPath], int]:
     """Paths that can be followed without a jump inside the joint box.
 
@@ -64,6 +65,8 @@ def straight_paths(
         points: on each, ends included.
         rng: what the ends are drawn from.
         on_path: called with the number of paths found.
+        far: the joint positions of the ends differ by at most this in each joint [rad or m]; by
+            default they are anywhere in the box.
 
     Returns:
         The paths and how many lines were tried. Fewer than wanted, or none, if
@@ -74,6 +77,8 @@ def straight_paths(
     while len(paths) < count and tried < _TRIES * count:
         tried += 1
         first, last = robot.joint_box.sample(2, rng)
+        if far is not None:
+            last = first + rng.uniform(-far, far, robot.dof)
         ends = robot.forward_kinematics.poses(np.array([first, last]))
         fine = straight_line(ends[0], ends[1], (points - 1) * _SUBSTEPS + 1)
         followed = _followed(robot, fine, first)

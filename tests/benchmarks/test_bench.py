@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from support.processes import run_python
 
 from annik_core.model.artifact import load_model
+from annik_core.robots.arm import arm_from_definition
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_training.designs.registry import generate_dataset
@@ -22,13 +23,22 @@ from annik_training.fitting.fit import fit
 from annik_training.fitting.options import FitOptions
 from benchmarks.conditions import Conditions
 from benchmarks.ik import throughput
-from benchmarks.ik.annik import AS_DESCRIBED, NETWORK, NO_KERNEL, REFINED, our_solvers
+from benchmarks.ik.annik import (
+    AS_DESCRIBED,
+    NETWORK,
+    NO_KERNEL,
+    REFINED,
+    WHOLE_ROBOT,
+    our_solvers,
+    whole_robot,
+)
 from benchmarks.ik.command import NoModelForBench, ik
 from benchmarks.ik.measure import TargetResult, measure_targets
 from benchmarks.ik.measure_alone import AloneResult, measure_alone
 from benchmarks.ik.measure_paths import PathResult, measure_paths
 from benchmarks.ik.page import bench_page
 from benchmarks.ik.peers import library
+from benchmarks.ik.peers.closed_form import TURN
 from benchmarks.ik.peers.peer import PeerUnavailable
 from benchmarks.ik.query import balanced_order, timed_solve
 from benchmarks.ik.results import BenchResults, BenchSettings, ModelEntry, SolverEntry
@@ -37,6 +47,9 @@ from benchmarks.ik.straight_paths import StraightPath, straight_line, straight_p
 from benchmarks.ik.tables import bench_tables
 from benchmarks.ik.targets import random_targets
 from benchmarks.ik.verification import Verifier
+from benchmarks.ik.whole_robot import CALIBRATED, WholeResults
+from benchmarks.ik.whole_robot_page import whole_robot_page
+from benchmarks.plain_data import built
 
 MICROSECOND = 1000  # [ns]
 
@@ -501,7 +514,7 @@ def test_command_writes_page_and_data(model, tmp_path, monkeypatch) -> None:
             super().__init__("Steady")
             self._start = problem.start
 
-        def solve(self, pose):
+        def solve(self, pose, start=None):
             return self._start
 
     monkeypatch.setattr(library, "PEERS", {"Steady": Steady, "Other": missing})
@@ -509,7 +522,7 @@ def test_command_writes_page_and_data(model, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(throughput, "SIZES", (1, 8))
     out, docs = tmp_path / "out", tmp_path / "docs"
     arguments = ["--model", str(model), "--out", str(out), "--docs", str(docs)]
-    amounts = ["--targets", "5", "--paths", "2", "--points", "5"]
+    amounts = ["--targets", "5", "--paths", "2", "--points", "5", "--part", "box"]
     result = CliRunner().invoke(ik, [*arguments, *amounts], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     assert "Steady" in result.output
@@ -526,6 +539,55 @@ def test_command_writes_page_and_data(model, tmp_path, monkeypatch) -> None:
         assert data["settings"]["seed"] == 2026
         assert data["model"]["examples"] == 64
         assert data["skipped"] == [{"name": "Other", "reason": "not installed"}]
+
+
+def test_whole_robots_are_answered_and_all_solutions_known(tmp_path, monkeypatch) -> None:
+    """Beside annik, a solver that lists too few, some of them wrong, and stands still on paths."""
+
+    class Half(StandIn):
+        name = "Half"
+        kind = "closed form"
+
+        def __init__(self, problem):
+            super().__init__("Half")
+            arm = {"urdf": problem.urdf, "base_frame": problem.base_frame}
+            self._start = problem.start
+            self._all = whole_robot(
+                arm_from_definition(
+                    {**arm, "end_effector_frame": problem.end_effector_frame}, "the arm's"
+                )
+            ).solutions
+
+        def solve(self, pose, start=None):
+            return self._start if start is None else start
+
+        def solutions(self, pose):
+            found = self._all(pose)
+            return [*found[::2], *(positions + 0.1 for positions in found[1::2]), found[0] + TURN]
+
+    monkeypatch.setattr(library, "PEERS", {"Half": Half})
+    monkeypatch.setattr("benchmarks.ik.whole_robot.ARMS", ("panda",))
+    options = {"targets": 8, "recall-poses": 4, "restarts": 100, "paths": 2, "points": 5}
+    arguments = [f"--{name}={amount}" for name, amount in options.items()]
+    command = ["--part", "whole_robot", "--out", str(tmp_path), *arguments]
+    result = CliRunner().invoke(ik, command, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    data = json.loads((tmp_path / "ik_whole_robot.json").read_text(encoding="utf-8"))
+    panda, ur5e = data["arms"]
+    assert (panda["name"], ur5e["name"]) == ("panda", CALIBRATED)
+    for arm in data["arms"]:
+        assert arm["targets"][WHOLE_ROBOT]["in_limits"] == 1.0
+        assert arm["targets"]["Half"]["in_limits"] == 0.0
+        ours, theirs = (arm["paths"][name] for name in (WHOLE_ROBOT, "Half"))
+        assert (ours["solved"], ours["changing"], theirs["solved"]) == (ours["paths"], 0, 0)
+    assert panda["every"][WHOLE_ROBOT]["recall"] is None
+    of_ur5e = ur5e["every"]
+    assert of_ur5e[WHOLE_ROBOT]["recall"] == 1.0
+    assert 0.4 <= of_ur5e["Half"]["recall"] < 0.8
+    # Of the arm as described, its solutions lead to those of the calibrated one.
+    assert of_ur5e["Half as described, then Newton"]["recall"] > of_ur5e["Half"]["recall"]
+    page = (tmp_path / "ik_whole_robot.md").read_text(encoding="utf-8")
+    assert page == whole_robot_page(built(WholeResults, data))
 
 
 def test_faults_of_the_command_are_typed(model, tmp_path, monkeypatch) -> None:

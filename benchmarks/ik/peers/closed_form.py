@@ -43,29 +43,37 @@ def exact_solutions(
     ]
 
 
-def chosen_solution(solutions: Sequence[Sequence[float]], problem: IkProblem) -> FloatArray:
+def chosen_solution(
+    solutions: Sequence[Sequence[float]], problem: IkProblem, start: FloatArray | None = None
+) -> FloatArray:
     """The solution in the joint box that is nearest to the start, else the nearest of all.
 
-    Each angle is first turned by whole turns to the one nearest to the start, because a closed
-    form knows angles only within a turn.
+    Each angle is first turned by whole turns to the one nearest to the start that is in the box,
+    because a closed form knows angles only within a turn.
 
     In plain numbers, because it is timed with each solve: on eight solutions of six angles numpy
     takes several times as long as the closed form itself.
 
     Args:
         solutions: at least one, each ``(free,)`` angles [rad].
-        problem: with the box and the start.
+        problem: with the box.
+        start: ``(dof,)``; by default that of the problem.
 
     Returns:
         ``(dof,)`` [rad].
     """
-    start, reach = problem.free_start_and_reach
+    begin = problem.free_of(start)
+    centres = begin.tolist()
     inside = []
     for solution in solutions:
         offsets = []
-        for angle, centre, half in zip(solution, start, reach, strict=True):
+        for angle, centre, (low, high) in zip(solution, centres, problem.free_bounds, strict=True):
             offset = math.remainder(angle - centre, TURN)
-            if abs(offset) > half + EDGE:
+            if centre + offset > high + EDGE:
+                offset -= TURN
+            elif centre + offset < low - EDGE:
+                offset += TURN
+            if not low - EDGE <= centre + offset <= high + EDGE:
                 break
             offsets.append(offset)
         else:
@@ -74,12 +82,12 @@ def chosen_solution(solutions: Sequence[Sequence[float]], problem: IkProblem) ->
         inside = [
             [
                 math.remainder(angle - centre, TURN)
-                for angle, centre in zip(solution, start, strict=True)
+                for angle, centre in zip(solution, centres, strict=True)
             ]
             for solution in solutions
         ]
     nearest = inside[0] if len(inside) == 1 else min(inside, key=_square)
-    return problem.with_locked(problem.free_start + np.array(nearest))
+    return problem.with_locked(begin + np.array(nearest))
 
 
 def _square(offsets: Sequence[float]) -> float:

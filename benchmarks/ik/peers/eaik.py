@@ -43,13 +43,17 @@ class _Eaik(Peer):
             "nearest to its centre"
         )
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
+        exact = self.solutions(pose)
+        return chosen_solution(exact, self._problem, start) if exact else None
+
+    def solutions(self, pose: FloatArray) -> list[list[float]]:
+        """See :meth:`benchmarks.ik.peers.peer.SolvesAll.solutions`."""
         target = pose_matrix(pose)
         found = self._robot.IK(target)
         solutions = list(zip(found.Q.tolist(), found.is_LS.tolist(), strict=True))
-        exact = exact_solutions(solutions, self._robot.fwdKin, target)
-        return chosen_solution(exact, self._problem) if exact else None
+        return exact_solutions(solutions, self._robot.fwdKin, target)
 
 
 def make(problem: IkProblem) -> Peer:

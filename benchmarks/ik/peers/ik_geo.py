@@ -56,12 +56,14 @@ class _IkGeo(Peer):
                 return
         raise PeerUnavailable(NAME, "can't do this robot: it knows no closed form for it")
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        solutions = self._solutions(pose_matrix(pose))
-        if not solutions:
-            return None
-        return chosen_solution(solutions, self._problem)
+        exact = self.solutions(pose)
+        return chosen_solution(exact, self._problem, start) if exact else None
+
+    def solutions(self, pose: FloatArray) -> list[list[float]]:
+        """See :meth:`benchmarks.ik.peers.peer.SolvesAll.solutions`."""
+        return self._solutions(pose_matrix(pose))
 
     def _solutions(self, target: FloatArray) -> list[list[float]]:
         """The exact solutions, each ``(6,)`` [rad], for a placement ``(4, 4)``."""

@@ -35,12 +35,12 @@ class _Ikpy(Peer):
         # The first link is the base and the last the tip: neither moves.
         moving = [False, *([True] * len(problem.free)), False]
         self._chain = chain_module.Chain(links, active_links_mask=moving)
-        self._start = np.concatenate([[0.0], problem.free_start, [0.0]])
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
+        begin = np.concatenate([[0.0], self._problem.free_of(start), [0.0]])
         found = self._chain.inverse_kinematics_frame(
-            pose_matrix(pose), initial_position=self._start, orientation_mode="all"
+            pose_matrix(pose), initial_position=begin, orientation_mode="all"
         )
         return self._problem.with_locked(np.asarray(found[1:-1], dtype=np.float64))
 

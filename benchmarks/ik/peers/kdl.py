@@ -43,15 +43,15 @@ class _Kdl(Peer):
         self._solver = pykdl.ChainIkSolverPos_LMA(self._chain, np.ones(6), TOLERANCE, ITERATIONS)
         self._free = len(problem.free)
         self._start = pykdl.JntArray(self._free)
-        for column, position in enumerate(problem.free_start.tolist()):
-            self._start[column] = position
         self._found = pykdl.JntArray(self._free)
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
         kdl = self._kdl
         x, y, z, qx, qy, qz, qw = pose.tolist()
         target = kdl.Frame(kdl.Rotation.Quaternion(qx, qy, qz, qw), kdl.Vector(x, y, z))
+        for column, position in enumerate(self._problem.free_of(start).tolist()):
+            self._start[column] = position
         if self._solver.CartToJnt(self._start, target, self._found) != 0:
             return None
         found = self._found

@@ -56,14 +56,14 @@ class _Optik(Peer):
         self._config = optik.SolverConfig(
             solution_mode="speed", max_time=TIME_LIMIT, tol_f=TOLERANCE**2
         )
-        self._start = problem.free_start
-        theirs = np.array(self._robot.fk(self._start))
-        if np.abs(theirs - chain.tip_placement(self._start)).max() > RIGHT:
+        theirs = np.array(self._robot.fk(problem.free_start))
+        if np.abs(theirs - chain.tip_placement(problem.free_start)).max() > RIGHT:
             raise PeerUnavailable(NAME, "can't do this robot: it places the end effector wrongly")
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        found = self._robot.ik(self._config, pose_matrix(pose), self._start)
+        free = self._problem.free_of(start)
+        found = self._robot.ik(self._config, pose_matrix(pose), free)
         if found is None:
             return None
         return self._problem.with_locked(np.array(found[0]))

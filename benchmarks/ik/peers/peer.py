@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as distribution_version
 from types import ModuleType
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from annik_core.errors import AnnikError
 from annik_core.pose import FloatArray
@@ -33,16 +34,30 @@ class Peer(Protocol):
     kind: Kind
     settings: str
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """Joint positions that reach a pose.
 
         Args:
             pose: ``(7,)``; x, y, z [m] and unit quaternion qx, qy, qz, qw in the base frame.
+            start: ``(dof,)``, where a numerical solver begins, and which of several solutions is
+                near; by default the centre of the joint box.
 
         Returns:
             ``(dof,)`` [rad or m], all joints of the problem, the locked ones too; None if the
             solver itself reports that it failed. They are not checked against target or box.
         """
+
+
+@runtime_checkable
+class SolvesAll(Protocol):
+    """A solver that lists all solutions."""
+
+    @property
+    def name(self) -> str:
+        """As in the tables."""
+
+    def solutions(self, pose: FloatArray) -> Sequence[Sequence[float]] | FloatArray:
+        """All joint positions ``(n, free)`` of a pose ``(7,)``, in any turn and beyond limits."""
 
 
 class PeerUnavailable(AnnikError):

@@ -38,14 +38,13 @@ class _PinocchioClik(Peer):
         self._model = pinocchio.buildModelFromXML(locked_urdf(problem))
         self._data = self._model.createData()
         self._frame = self._model.getFrameId(problem.end_effector_frame)
-        self._start = problem.free_start
         self._damping = DAMPING * np.eye(6)
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
         pin, model, data, frame = self._pin, self._model, self._data, self._frame
         target = pin.XYZQUATToSE3(pose)
-        positions = self._start.copy()
+        positions = self._problem.free_of(start).copy()
         for _ in range(ITERATIONS):
             pin.forwardKinematics(model, data, positions)
             missing = pin.updateFramePlacement(model, data, frame).actInv(target)

@@ -60,10 +60,14 @@ class IkProblem:
         return self.box_lower[self.free], self.box_upper[self.free]
 
     @cached_property
-    def free_start_and_reach(self) -> tuple[list[float], list[float]]:
-        """Centre and half the width of the box of the joints that are not locked."""
+    def free_bounds(self) -> list[tuple[float, float]]:
+        """Bounds of the box of the joints that are not locked."""
         lower, upper = self.free_box
-        return self.free_start.tolist(), (0.5 * (upper - lower)).tolist()
+        return list(zip(lower.tolist(), upper.tolist(), strict=True))
+
+    def free_of(self, start: FloatArray | None) -> FloatArray:
+        """``(free,)`` of positions ``(dof,)``; of the start, if there are none."""
+        return self.free_start if start is None else start[self.free]
 
     def with_locked(self, free_positions: FloatArray) -> FloatArray:
         """Positions ``(dof,)`` of all joints from those ``(free,)`` of the free ones."""

@@ -45,13 +45,12 @@ class _RoboticsToolbox(Peer):
         )
         self._problem = problem
         self._transforms = _transforms(toolbox, problem)
-        self._start = problem.free_start
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
         found = self._transforms.ik_LM(
             pose_matrix(pose),
-            q0=self._start,
+            q0=self._problem.free_of(start),
             ilimit=ITERATIONS,
             slimit=self._searches,
             tol=0.5 * TOLERANCE**2,

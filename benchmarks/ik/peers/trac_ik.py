@@ -42,11 +42,12 @@ class _TracIk(Peer):
             TOLERANCE,
             pytracik.SolveType.Speed,
         )
-        self._start = problem.free_start
 
-    def solve(self, pose: FloatArray) -> FloatArray | None:
+    def solve(self, pose: FloatArray, start: FloatArray | None = None) -> FloatArray | None:
         """See :meth:`benchmarks.ik.peers.peer.Peer.solve`."""
-        found: FloatArray = self._pytracik.ik(self._solver, self._start, *pose.tolist())
+        found: FloatArray = self._pytracik.ik(
+            self._solver, self._problem.free_of(start), *pose.tolist()
+        )
         if found[0] < 0.0:
             return None
         return self._problem.with_locked(found[1:])
