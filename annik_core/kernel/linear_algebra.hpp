@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -104,12 +105,13 @@ void orthogonalise(std::array<std::array<double, Rows>, Columns>& a,
           jj += a[j][row] * a[j][row];
           ij += a[i][row] * a[j][row];
         }
-        if (!(std::abs(ij) > 1e-16 * std::sqrt(ii * jj))) continue;
+        if (!(std::abs(ij) > 4e-16 * std::sqrt(ii * jj))) continue;  // rounding
         rotated = true;
         const double ratio = (jj - ii) / (2.0 * ij);
+        // Without hypot, which is slow: an infinite ratio gives a tangent of 0, as it should.
         const double tangent =
-            std::copysign(1.0, ratio) / (std::abs(ratio) + std::hypot(1.0, ratio));
-        const double cosine = 1.0 / std::hypot(1.0, tangent), sine = cosine * tangent;
+            std::copysign(1.0, ratio) / (std::abs(ratio) + std::sqrt(1.0 + ratio * ratio));
+        const double cosine = 1.0 / std::sqrt(1.0 + tangent * tangent), sine = cosine * tangent;
         const auto rotate = [&](double& first, double& second) {
           const double before = first;
           first = cosine * before - sine * second;
@@ -130,34 +132,69 @@ struct LeastSingularValue {
   Joints right{};
 };
 
+// The places of vectors, the longest first.
+template <typename Vector>
+std::array<std::size_t, MAX_JOINTS> by_length(const Vector* vectors, std::size_t count) {
+  std::array<std::pair<double, std::size_t>, MAX_JOINTS> squares;
+  for (std::size_t i = 0; i < count; ++i) {
+    double square = 0.0;
+    for (double part : vectors[i]) square += part * part;
+    squares[i] = {std::isnan(square) ? 0.0 : -square, i};  // NaN has no place in an order
+  }
+  std::sort(squares.begin(), squares.begin() + count);
+  std::array<std::size_t, MAX_JOINTS> places;
+  for (std::size_t i = 0; i < count; ++i) places[i] = squares[i].second;
+  return places;
+}
+
+// The unit vector that is orthogonal to five others, which are orthogonal to one another.
+inline Column sixth_direction(std::array<Column, 5> others) {
+  Column free;
+  free.fill(1.0);  // how much of each axis the others leave
+  for (Column& other : others) {
+    const double length = std::sqrt(dot(other, other));
+    for (std::size_t row = 0; row < 6; ++row) {
+      if (length > 0.0) other[row] /= length;
+      free[row] -= other[row] * other[row];
+    }
+  }
+  Column sixth{};
+  sixth[std::max_element(free.begin(), free.end()) - free.begin()] = 1.0;
+  for (int again = 0; again < 2; ++again) {
+    for (const Column& other : others) {
+      const double part = dot(sixth, other);
+      for (std::size_t row = 0; row < 6; ++row) sixth[row] -= part * other[row];
+    }
+    const double length = std::sqrt(dot(sixth, sixth));
+    for (double& part : sixth) part /= length;
+  }
+  return sixth;
+}
+
 inline LeastSingularValue least_singular_value(const Jacobian& a, std::size_t n) {
-  // The rotations of the columns of A are its right vectors, those of its rows the left ones: to
-  // rounding even where the singular value is zero.
+  // The rotations of the columns of A are its right vectors: to rounding even where the singular
+  // value is zero. So are the rotations of its rows, the left ones; where the columns give five of
+  // these, the sixth is what is orthogonal to them.
   Jacobian columns = a;
   std::array<Joints, MAX_JOINTS> right;
   orthogonalise(columns, right, 6, n);
-  std::array<Joints, 6> rows{};
-  for (std::size_t row = 0; row < 6; ++row)
-    for (std::size_t column = 0; column < n; ++column) rows[row][column] = a[column][row];
-  std::array<Column, 6> left;
-  orthogonalise(rows, left, n, 6);
-
-  const auto ranked = [](const auto& vectors, std::size_t count, std::size_t rank) {
-    std::array<std::pair<double, std::size_t>, MAX_JOINTS> squares;
-    for (std::size_t i = 0; i < count; ++i) {
-      double square = 0.0;
-      for (double part : vectors[i]) square += part * part;
-      squares[i] = {std::isnan(square) ? 0.0 : -square, i};  // NaN has no place in an order
-    }
-    std::sort(squares.begin(), squares.begin() + count);
-    return squares[rank].second;
-  };
-  const std::size_t last = std::min<std::size_t>(6, n) - 1;
-  // Of the longer side, what is not used must not count.
-  for (std::size_t column = n; column < MAX_JOINTS; ++column) columns[column] = {};
+  const auto order = by_length(columns.data(), n);
   LeastSingularValue least;
-  least.right = right[ranked(columns, n, last)];
-  least.left = left[ranked(rows, 6, last)];
+  least.right = right[order[std::min<std::size_t>(6, n) - 1]];
+  // What is not used must not count.
+  for (std::size_t joint = n; joint < MAX_JOINTS; ++joint) least.right[joint] = 0.0;
+  if (n >= 6) {
+    std::array<Column, 5> others;
+    for (std::size_t i = 0; i < 5; ++i) others[i] = columns[order[i]];
+    least.left = sixth_direction(others);
+  } else {
+    std::array<Joints, 6> rows{};
+    for (std::size_t row = 0; row < 6; ++row)
+      for (std::size_t column = 0; column < n; ++column) rows[row][column] = a[column][row];
+    std::array<Column, 6> left;
+    orthogonalise(rows, left, n, 6);
+    least.left = left[by_length(rows.data(), 6)[n - 1]];
+  }
   double value = 0.0;
   for (std::size_t column = 0; column < n; ++column)
     value += dot(a[column], least.left) * least.right[column];

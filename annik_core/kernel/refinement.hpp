@@ -129,7 +129,7 @@ class Refinement {
 
  private:
   static constexpr double DAMPING = 0.01, LEAST_DAMPING = 1e-12, NEAR = 0.01, SHORT = 0.04;
-  static constexpr double STUCK = 0.5;
+  static constexpr double STUCK = 0.5, SAME = 1e-9;
   static constexpr int PATIENCE = 3;
   static constexpr double STEP = 1e-4, DISTANCES = 3.0, FARTHEST = 1.5, LEAST_DERIVATIVE = 1e-9;
 
@@ -181,8 +181,10 @@ class Refinement {
     for (const Joints& from : {begin, first.joint_positions}) {
       const Joints beyond = projected(reflected(from, target));
       // Where there is no singularity it would be the same search again.
-      if (std::any_of(known.begin(), known.end(),
-                      [&](const Joints& other) { return same(beyond, other); }))
+      const auto near = [](double x, double y) { return std::abs(x - y) <= SAME; };
+      if (std::any_of(known.begin(), known.end(), [&](const Joints& other) {
+            return std::equal(other.begin(), other.begin() + chain.size(), beyond.begin(), near);
+          }))
         continue;
       known.push_back(beyond);
       chain.linearise(beyond, target, linear);

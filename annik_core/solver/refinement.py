@@ -57,6 +57,8 @@ _DISTANCES = 3.0
 _FARTHEST = 1.5
 #: Derivative of sigma along v below which no singularity is in that direction [per rad or m].
 _LEAST_DERIVATIVE = 1e-9
+#: Joint positions that differ by no more begin the same search [rad or m].
+_SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +110,7 @@ class Refinement:
                 )
             )
             # Where there is no singularity it would be the same search again.
-            if not any(np.array_equal(beyond, other) for other in known):
+            if not any(np.abs(beyond - other).max() <= _SAME for other in known):
                 known.append(beyond)
         starts = sorted(
             known[2:], key=lambda start: self.kinematics.linearise(start, target).distance
