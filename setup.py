@@ -137,7 +137,6 @@ setup(
         "train": [
             *PLOTS,
             "onnx>=1.16",
-            "onnxscript>=0.2",
             "sympy>=1.12",
             "torch>=2.4",
         ],

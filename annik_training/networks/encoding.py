@@ -11,12 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-# As tensors, because the ONNX exporter stores a Python number beside a tensor in single precision.
-_SMALLEST = torch.tensor(np.finfo(np.float64).tiny, dtype=torch.float64)
-_ONE = torch.tensor(1.0, dtype=torch.float64)
-_PI = torch.tensor(np.pi, dtype=torch.float64)
-_HALF_PI = torch.tensor(0.5 * np.pi, dtype=torch.float64)
-_TWO_PI = torch.tensor(2.0 * np.pi, dtype=torch.float64)
+# As vectors, because the ONNX exporter may store a Python number, or a tensor without dimensions,
+# in single precision.
+_SMALLEST = torch.tensor([np.finfo(np.float64).tiny], dtype=torch.float64)
+_ONE = torch.tensor([1.0], dtype=torch.float64)
+_PI = torch.tensor([np.pi], dtype=torch.float64)
+_HALF_PI = torch.tensor([0.5 * np.pi], dtype=torch.float64)
+_TWO_PI = torch.tensor([2.0 * np.pi], dtype=torch.float64)
 # x, y, z, w to z - x, z + x, w + y, w - y; half sum, half difference to roll, yaw.
 _QUATERNION_PARTS = torch.tensor(
     [[-1, 1, 0, 0], [0, 0, 1, -1], [1, 1, 0, 0], [0, 0, 1, 1]], dtype=torch.float64
@@ -128,7 +129,7 @@ class PositionRollPitchYaw(PoseEncoding):
         pitch = _HALF_PI - 2.0 * to_edge_angle
         # to_edge is sqrt(2) sin(d / 2) at a distance of d from the edge.
         at_edge = to_edge < self.EDGE / np.sqrt(2.0)
-        half_sum = torch.where(at_edge, 0.5 * (self.centre[0] + self.centre[2]), half_sum)
+        half_sum = torch.where(at_edge, 0.5 * (self.centre[:1] + self.centre[2:]), half_sum)
         roll_yaw = torch.cat([half_sum, half_difference], dim=1) @ _SUM_AND_DIFFERENCE
         roll_yaw = roll_yaw - _TWO_PI * torch.round(roll_yaw / _TWO_PI)
         return torch.cat([poses[:, :3], roll_yaw[:, :1], pitch, roll_yaw[:, 1:]], dim=1)

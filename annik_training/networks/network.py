@@ -5,11 +5,11 @@ takes about as long for a scaling as for a layer, so a :class:`FusedNetwork` is 
 is linear between the encoding and the first layer, and after the last one, is multiplied out.
 """
 
-import logging
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import onnx
@@ -208,25 +208,24 @@ class FusedNetwork(nn.Module):
     def as_onnx(self) -> onnx.ModelProto:
         """The ONNX graph: input ``pose``, output ``joint_positions``, a tensor ``features``."""
         example = torch.tensor([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]] * 2, dtype=torch.float64)
-        with warnings.catch_warnings(), _quiet_exporter():
-            # The exporter warns of its own deprecations.
+        with TemporaryDirectory() as folder, warnings.catch_warnings():
+            path = Path(folder, "model.onnx")
+            # This exporter is deprecated; the new one takes fifty times as long.
             warnings.simplefilter("ignore")
-            program = torch.onnx.export(
+            torch.onnx.export(
                 self.eval(),
                 (example,),
+                path,
                 input_names=[INPUT_NAME],
                 output_names=[OUTPUT_NAME, FEATURES_NAME],
-                dynamic_shapes=({0: torch.export.Dim("n")},),
+                dynamic_axes={name: {0: "n"} for name in (INPUT_NAME, OUTPUT_NAME, FEATURES_NAME)},
                 opset_version=OPSET,
-                dynamo=True,
-                external_data=False,
-                verbose=False,
+                dynamo=False,
             )
-        assert program is not None
-        model: onnx.ModelProto = program.model_proto
+            model = onnx.load(path)
         # Exported as an output for its name; a model file has one output.
         model.graph.value_info.append(model.graph.output.pop())
-        _remove_traces(model)
+        _remove_constant_nodes(model.graph)
         return model
 
 
@@ -239,22 +238,10 @@ def linear_layer(weight: Tensor, bias: Tensor) -> nn.Linear:
     return layer
 
 
-def _remove_traces(model: onnx.ModelProto) -> None:
-    """Remove the exporter's source paths and stack frames."""
-    graph = model.graph
-    for traced in (model, graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
-        del traced.metadata_props[:]
-    for node in graph.node:
-        node.doc_string = ""
-
-
-@contextmanager
-def _quiet_exporter() -> Iterator[None]:
-    """Keep the exporter from warning that torchvision, which annik does not use, is missing."""
-    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
+def _remove_constant_nodes(graph: onnx.GraphProto) -> None:
+    """Make initializers of constants, which the exporter writes as operators."""
+    for node in [node for node in graph.node if node.op_type == "Constant"]:
+        constant = node.attribute[0].t
+        constant.name = node.output[0]
+        graph.initializer.append(constant)
+        graph.node.remove(node)

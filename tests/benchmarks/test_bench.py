@@ -605,9 +605,6 @@ def test_faults_of_the_command_are_typed(model, tmp_path, monkeypatch) -> None:
 @pytest.mark.process
 def test_it_runs_without_torch() -> None:
     """The peers' environment has none."""
-    script = (
-        "import sys, benchmarks.ik.command\n"
-        "sys.exit(bool({'torch', 'onnxscript'} & set(sys.modules)))"
-    )
+    script = "import sys, benchmarks.ik.command\nsys.exit('torch' in sys.modules)"
     result = run_python("-c", script)
     assert result.returncode == 0, result.stderr

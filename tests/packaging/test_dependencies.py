@@ -32,7 +32,7 @@ ROSDEP_KEYS = {
     "zstandard": "mcap-ros2-support",
 }
 #: Without a key, or for training only: package.xml says to get them by pip.
-BY_PIP = {"onnx", "onnxscript", "plotly", "sympy", "torch", "trimesh", "viser", "websockets"}
+BY_PIP = {"onnx", "plotly", "sympy", "torch", "trimesh", "viser", "websockets"}
 #: Their names at PyPI, where those differ.
 DISTRIBUTIONS = {
     "google": "protobuf",
@@ -44,7 +44,8 @@ DISTRIBUTIONS = {
 ROS = re.compile(r"(.*_(msgs|srvs|interfaces)|rclpy|launch|launch_ros)$")
 
 
-def imported() -> dict[str, Path]:
+@pytest.fixture(scope="module")
+def libraries() -> dict[str, Path]:
     """The libraries that the installed code imports, each with a file that does."""
     return {
         name: path
@@ -67,29 +68,29 @@ def imported_by(path: Path) -> Iterator[str]:
                 yield library
 
 
-IMPORTED = imported()
-
-
-@pytest.mark.parametrize("library", sorted(IMPORTED))
-def test_package_xml_has_it(library: str) -> None:
+def test_package_xml_has_them(libraries: dict[str, Path]) -> None:
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     keys = {element.text for element in package.findall("exec_depend")}
-    if library in BY_PIP:
-        assert library not in ROSDEP_KEYS
-    else:
-        assert ROSDEP_KEYS.get(library, library) in keys, IMPORTED[library]
+    assert not BY_PIP & set(ROSDEP_KEYS)
+    assert {
+        library: path
+        for library, path in libraries.items()
+        if library not in BY_PIP and ROSDEP_KEYS.get(library, library) not in keys
+    } == {}
 
 
-@pytest.mark.parametrize("library", sorted(IMPORTED))
-def test_setup_py_has_it(library: str) -> None:
+def test_setup_py_has_them(libraries: dict[str, Path]) -> None:
     names = {re.split(r"[^\w-]", entry)[0].lower() for entry in requires("annik_ros") or ()}
-    if not ROS.match(library):
-        assert DISTRIBUTIONS.get(library, library) in names, IMPORTED[library]
+    assert {
+        library: path
+        for library, path in libraries.items()
+        if not ROS.match(library) and DISTRIBUTIONS.get(library, library) not in names
+    } == {}
 
 
-def test_package_xml_depends_on_nothing_that_is_not_used() -> None:
+def test_package_xml_depends_on_nothing_that_is_not_used(libraries: dict[str, Path]) -> None:
     """Besides what starts the launch files, and what is imported by its name where it is there."""
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     keys = {element.text for element in package.findall("exec_depend")}
-    used = {ROSDEP_KEYS.get(library, library) for library in IMPORTED}
+    used = {ROSDEP_KEYS.get(library, library) for library in libraries}
     assert keys - used == {"ros2launch", "tf2_msgs", "tf2_ros_py"}
