@@ -30,15 +30,16 @@ NOT_QUICK = ("process", "ros", "colcon", "slow")
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark the quick tests. They are those that colcon runs, unless it is told otherwise."""
+    integration = {path for path in {item.path for item in items} if INTEGRATION in path.parents}
     for item in items:
-        if INTEGRATION in item.path.parents:
+        if item.path in integration:
             item.add_marker("ros")
             item.add_marker("process")
         if not any(item.get_closest_marker(name) for name in NOT_QUICK):
             item.add_marker("quick")
     # Files that take long come first, so that no worker is left alone with one at the end.
     long = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: (item.path not in long, INTEGRATION not in item.path.parents))
+    items.sort(key=lambda item: (item.path not in long, item.path not in integration))
     # colcon sets it in the environment of what it starts.
     if "COLCON" in os.environ and not config.option.markexpr:
         config.option.markexpr = "quick"
