@@ -24,7 +24,7 @@ class WithoutNetwork:
     def after_encoding(self, name: str) -> None:
         """None: there is no network to run."""
 
-    def joint_positions_at(self, pose: FloatArray) -> FloatArray:
+    def start_at(self, pose: FloatArray) -> FloatArray:
         """No joint positions: NaN ``(dof,)``."""
         return np.full(self.robot.dof, np.nan)
 

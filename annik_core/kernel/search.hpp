@@ -292,7 +292,7 @@ class Search {
     };
     const auto try_start = [&](const Joints& start) {
       ++taken;
-      descend(start, target, spacing, found);
+      descend(start, target, spacing, one, found);
       return enough();
     };
     for (const Joints& start : starts)
@@ -354,8 +354,9 @@ class Search {
     return start;
   }
 
-  // Newton's method from one start, to a solution that is not known.
-  void descend(const Joints& start, const Placement& target, double spacing,
+  // Newton's method from one start, to a solution that is not known; with ``one``, it may end the
+  // search.
+  void descend(const Joints& start, const Placement& target, double spacing, bool one,
                std::vector<Solution>& found) const {
     const auto known = [&](const Joints& at) {
       return std::any_of(found.begin(), found.end(), [&](const Solution& solution) {
@@ -384,9 +385,11 @@ class Search {
     around_.chain.linearise(at, target, linear);
     solution.position_residual = linear.position_residual();
     solution.orientation_residual = linear.orientation_residual();
-    solution.singularity = around_.from_singularity(at, target);
-    const double part = 0.25 * solution.singularity.distance;
-    if (part > 0.0) solution.radius = std::clamp(part, LEAST_RADIUS, GREATEST_RADIUS);
+    if (!one || !solution.allowed) {
+      solution.singularity = around_.from_singularity(at, target);
+      const double part = 0.25 * solution.singularity.distance;
+      if (part > 0.0) solution.radius = std::clamp(part, LEAST_RADIUS, GREATEST_RADIUS);
+    }
     found.push_back(solution);
   }
 

@@ -109,6 +109,18 @@ class Model:
         except Exception as error:
             raise self._failed(first_line(error)) from error
 
+    def start_at(self, pose: FloatArray) -> FloatArray:
+        """Where a search for one checked pose ``(7,)`` begins: joint positions ``(dof,)``.
+
+        As :meth:`joint_positions_at`, but from the kernel's network where there is one.
+        """
+        if self.start_network is not None and self.encoding is not None:
+            features = self.encoding.features(pose)
+            if features is not None:
+                start: FloatArray = self.start_network.run(np.frombuffer(features))
+                return start
+        return self.joint_positions_at(pose)
+
     def after_encoding(self, name: str) -> BoundSession | None:
         """:attr:`after_features` if the encoding is the one of that name, otherwise None."""
         return self.after_features if self.metadata.encoding == name else None

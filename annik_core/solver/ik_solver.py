@@ -274,7 +274,7 @@ class IkSolver:
 
     def _network_starts(self, target: FloatArray) -> FloatArray:
         """The network's joint positions ``(n, dof)`` that are finite, refined in a box before."""
-        starts = self.artifact.joint_positions_at(target)[np.newaxis]
+        starts = self.artifact.start_at(target)[np.newaxis]
         starts = starts[np.isfinite(starts).all(axis=1)]
         if not len(starts) or self.robot.has_whole_box:
             return starts

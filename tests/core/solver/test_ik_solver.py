@@ -45,6 +45,8 @@ class StandInNetwork:
         """As the artifact's."""
         return self.answer(pose[np.newaxis])[0]
 
+    start_at = joint_positions_at
+
 
 @pytest.fixture(scope="module")
 def packaged() -> IkSolver:
