@@ -31,7 +31,7 @@ _BLUE, _RED, _SKY, _ORANGE, _GREEN = (
     (230, 159, 0),
     (0, 158, 115),
 )
-_LINK, _NOMINAL = (215, 219, 224), _ORANGE
+_LINK, _NOMINAL, _RANGE = (215, 219, 224), _ORANGE, (90, 90, 90)
 #: Of examples: those to measure, and those that are measured.
 _TO_DO, _DONE = _SKY, _GREEN
 _MAGNIFICATIONS = ("1", "2", "5", "10", "20", "50", "100", "200", "500", "1000")
@@ -182,6 +182,13 @@ class Page:
         )
         scene.add_frame("/base", axes_length=0.15 * reach, axes_radius=0.006 * reach)
         self._arm = _Arm.added(scene, "arm", state.posture(), reach, (_LINK, _BLUE))
+        self._ranges = scene.add_line_segments(
+            "/limits",
+            state.skeleton.ranges(state.joint_positions),
+            _RANGE,
+            thickness=2.0,
+            thickness_units="screen",
+        )
         self._meshes = [
             scene.add_mesh_simple(f"/mesh/{number}", *one.mesh, color=_LINK)
             for number, one in enumerate(state.meshes)
@@ -323,6 +330,7 @@ class Page:
         with self.server.atomic():
             posture = state.posture()
             self._arm.move(posture)
+            self._ranges.points = state.skeleton.ranges(state.joint_positions).astype(np.float32)
             colour = _RED if state.refused else _BLUE
             self._arm.joints.color = self._target.color = colour
             self._draw_meshes()

@@ -12,6 +12,10 @@ from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.robot import Robot
 from annik_core.robots.screw_chain import ScrewChain
 
+#: Points of the arc, or the line, that shows the range of a joint; and its distance from the
+#: joint, as a share of the reach.
+_RANGE_POINTS, _RANGE_SIZE = 33, 0.09
+
 
 class Posture(NamedTuple):
     """A robot at some joint positions, in its base frame.
@@ -43,6 +47,32 @@ class Skeleton:
         points = np.vstack([np.zeros(3), frames[:-1, :3, 3], end])
         linear, angular = self._chain.axes[:, :3], self._chain.axes[:, 3:]
         return Posture(points, np.einsum("nij,nj->ni", frames[:-1, :3, :3], linear + angular))
+
+    def ranges(self, joint_positions: FloatArray) -> FloatArray:
+        """Segments ``(n, 2, 3)`` [m] that show how far each joint may go, and where it is.
+
+        Of each joint of an arm, but those that can make a whole turn: an arc or a line from limit
+        to limit, and a hand from the joint to its place there.
+        """
+        if self._chain is None:
+            return np.empty((0, 2, 3))
+        limits, dof = self.robot.joint_limits, self.robot.dof
+        rows = np.tile(joint_positions, (dof, _RANGE_POINTS + 1, 1))
+        for joint in range(dof):
+            rows[joint, 1:, joint] = np.linspace(
+                limits.lower[joint], limits.upper[joint], _RANGE_POINTS
+            )
+        frames = self._chain.frames(self._actual(rows.reshape(-1, dof)))
+        found = [np.empty((0, 2, 3))]
+        for joint, axis in enumerate(self._chain.axes[:, :3] + self._chain.axes[:, 3:]):
+            if limits.upper[joint] - limits.lower[joint] < 2.0 * np.pi - 1e-6:
+                placed = frames[joint, joint * len(rows[0]) : (joint + 1) * len(rows[0])]
+                across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+                across *= _RANGE_SIZE * self.reach / np.linalg.norm(across)
+                here, *line = placed[:, :3, :3] @ across + placed[:, :3, 3]
+                hand = [placed[0, :3, 3], here]
+                found += [np.stack([line[:-1], line[1:]], axis=1), np.array([hand])]
+        return np.vstack(found)
 
     @cached_property
     def reach(self) -> float:

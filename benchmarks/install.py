@@ -79,11 +79,11 @@ class Use:
 USES = (
     Use("solve in Python; the node, with a sourced ROS 2", (), LEAN + SOLVE),
     Use(
-        "all nodes, with a sourced ROS 2",
+        "all nodes but viewer, with a sourced ROS 2",
         ("serve",),
         LEAN + SOLVE + "import msg_tools.bags.writer\n",
     ),
-    Use("all nodes, with ROS 2 as wheels", ("serve", "ros"), LEAN + SOLVE + SERVE),
+    Use("all nodes but viewer, with ROS 2 as wheels", ("serve", "ros"), LEAN + SOLVE + SERVE),
     Use("the report of a bag", ("report",), "import msg_tools.report.write\n"),
     Use("the page in the browser", ("view",), "import annik_view.page\n" + SOLVE),
     Use("design, train, calibrate, evaluate", ("train",), TRAIN + SOLVE),

@@ -282,6 +282,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     DOCS / "architecture.md": {"kernel size": kernel_size},
     DOCS / "training.md": {"designs": designs, "phases": phases},
     DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
+    DOCS / "installation.md": {"install": result("install")},
     LEARN: {"calibrate": result("calibrate"), "learn_robot": result("learn_robot")},
     DOCS / "whole_robot.md": {"robots": result("robots")},
     DOCS / "performance.md": {"node_bench": result("node_bench")},

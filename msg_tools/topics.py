@@ -133,7 +133,7 @@ DIAGNOSTICS = Topic(
     "/diagnostics",
     "diagnostic_msgs/msg/DiagnosticArray",
     "ik_node, fake_robot, example_collector",
-    "you",
+    "you, or viewer",
     "model, robot, counts by outcome, times; every second",
 )
 

@@ -4,6 +4,7 @@ import math
 import sys
 import threading
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 
@@ -70,7 +71,6 @@ class Viewer(Node):
         self._rows: frozenset[int] = frozenset()
         self._is_placed = False
         self._shown: tuple[object, ...] = ()
-        self._publisher = self.create_publisher(Pose, TARGET_POSE.name, reliable(1))
         is_urdf = not parameters.model and plan is None
         meshes = link_meshes(parameters.robot) if is_urdf else []
         examples = None if plan is None else Examples(plan.joint_positions, plan.poses[:, :3])
@@ -78,7 +78,7 @@ class Viewer(Node):
             ViewState(solver, follows=True, examples=examples, meshes=meshes),
             host=parameters.host,
             port=parameters.port,
-            drive=self._publish if parameters.drive else None,
+            drive=self._driver() if parameters.drive else None,
         )
         self._measured = MeasuredJointPositions(self, solver.robot.joint_names, _TIMEOUT)
         for topic, poses in ((ACCEPTED_TARGET, self._accepted), (ACHIEVED_POSE, self._achieved)):
@@ -116,8 +116,9 @@ class Viewer(Node):
             self.get_logger().fatal(f"the page failed: {traceback.format_exc()}")
             self.failed.set_result(1)
 
-    def _publish(self, target: FloatArray) -> None:
-        self._publisher.publish(pose_from_array(target))
+    def _driver(self) -> Callable[[FloatArray], None]:
+        publisher = self.create_publisher(Pose, TARGET_POSE.name, reliable(1))
+        return lambda target: publisher.publish(pose_from_array(target))
 
     def _on_pose(self, poses: list[FloatArray], message: PoseStamped) -> None:
         poses.append(pose_to_array(message.pose))

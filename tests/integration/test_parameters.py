@@ -106,6 +106,7 @@ def test_a_dump_of_each_node_starts_the_same_node(
         "target_publisher": ("wait_timeout:=.inf", "rate:=20"),
         "bag_recorder": (f"output:={tmp_path / 'bag'}", "topics:=[/diagnostics, joint_states]"),
         "example_collector": (f"plan:={plan}", f"dataset:={tmp_path / 'measured.npz'}"),
+        "viewer": ("model:=ur5e", "port:=8490", "drive:=true"),
     }
     before = {}
     for node, parameters in given.items():

@@ -28,6 +28,7 @@ from websockets.sync.client import connect
 from annik_core.dataset import save_dataset
 from annik_core.robots.library import load_robot
 from annik_ros.diagnostics import ROWS_MEASURED
+from msg_tools.topics import TOPICS
 
 UR5E = ("-p", "model:=ur5e")
 DRIVE = "drive the robot"
@@ -195,7 +196,18 @@ def test_the_page_follows_the_collection_of_a_plan(
 def test_the_page_only_shows_unless_it_may_drive(
     launch: Callable[..., Any], client: Any, open_page: Callable[[Any], Browser]
 ) -> None:
-    viewer = launch("viewer", *UR5E, "-p", "host:=0.0.0.0", "-p", "port:=8470")
+    remapped = ("-r", "joint_states:=/arm/states", "-r", "__ns:=/left")
+    viewer = launch("viewer", *UR5E, "-p", "host:=0.0.0.0", "-p", "port:=8470", *remapped)
+    documented = {f"/left/{topic.name}" for topic in TOPICS if "viewer" in topic.subscriber}
+    heard = documented - {"/left//diagnostics", "/left/joint_states"} | {"/arm/states"}
+
+    def topics() -> set[str]:
+        found = client.node.get_subscriber_names_and_types_by_node("viewer", "/left")
+        return {name for name, _ in found}
+
+    client.wait_until(lambda: "viewer" in client.node.get_node_names(), "the node")
+    client.wait_until(lambda: topics() == heard, "its topics, as documented and remapped")
+    assert not client.node.count_publishers("/left/target_pose")
     page = open_page(viewer)
     client.wait_until(lambda: "all solutions" in page.switches, "the page is built")
     assert DRIVE not in page.switches

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from xml.etree import ElementTree
 import pytest
 from support.nodes import READY_TEXTS
 from support.processes import LONG_PATIENCE, ROOT, Process, run_python
-from support.source_tree import QUICK_BUILD, SHARED_FOLDERS, copy_of_the_tree
+from support.source_tree import QUICK_BUILD, SHARED_FOLDERS, copy_of_the_tree, source_distribution
 
 from examples.demonstration import reserved_domain
 
@@ -38,7 +39,7 @@ TESTED = ("tests/annik_ros", "tests/core/solver/test_ik_solver.py", "tests/integ
 
 @dataclass(frozen=True)
 class Workspace:
-    """A colcon workspace that holds a copy of this checkout, built.
+    """A colcon workspace that holds annik, built: its source distribution, or this checkout.
 
     Attributes:
         path: its folder.
@@ -64,7 +65,11 @@ def workspace(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Workspace]:
     path = tmp_path_factory.mktemp(request.param)
-    copy_of_the_tree(path / "src" / "annik_ros")
+    if request.param == "symlink":
+        copy_of_the_tree(path / "src" / "annik_ros")
+    else:
+        made = source_distribution(tmp_path_factory.mktemp("distribution"))
+        shutil.unpack_archive(made, path / "src")
     options = ["--symlink-install"] if request.param == "symlink" else []
     with reserved_domain() as domain:
         workspace = Workspace(path, {**environment(), "ROS_DOMAIN_ID": str(domain)})
@@ -132,7 +137,7 @@ def test_installed_code_finds_its_own_shared_files(workspace: Workspace, tmp_pat
 
 def test_it_serves_ur5e_with_its_kernel(workspace: Workspace, tmp_path: Path) -> None:
     """Solved in the kernel of the workspace, and by its ik_node."""
-    script = workspace.path / "src" / "annik_ros" / "tests" / "packaging" / "solve_ur5e.py"
+    script = ROOT / "tests" / "packaging" / "solve_ur5e.py"
     serve = (
         "from annik_core.installation import model_path as path; "
         "from annik_ros.round_trip import round_trip; assert round_trip(path('ur5e'))"
@@ -171,8 +176,8 @@ def test_colcon_test_runs_the_quick_tests_whatever_plugins_are_installed(
     workspace: Workspace, tmp_path: Path
 ) -> None:
     """And reports how many; Jazzy's own plug-ins do not go with every pytest."""
-    if workspace.path.name.startswith("symlink"):
-        pytest.skip("colcon tests the source in either case")
+    if workspace.path.name.startswith("plain"):
+        pytest.skip("a source distribution has no tests")
     (tmp_path / "broken_plugin.py").write_text("raise SystemExit('a plug-in was loaded')\n")
     for name in BROKEN_PLUGINS:
         information = tmp_path / f"{name}_plugin-1.0.dist-info"

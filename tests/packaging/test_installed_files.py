@@ -16,6 +16,7 @@ from support.source_tree import (
     QUICK_BUILD,
     SHARED_FOLDERS,
     copy_of_the_tree,
+    source_distribution,
 )
 
 from benchmarks.install import (
@@ -44,10 +45,7 @@ for name in sys.argv[1:]:
 def wheel_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel of the source distribution of this checkout."""
     folder = tmp_path_factory.mktemp("wheel")
-    tree = copy_of_the_tree(folder / "source")
-    made = run_python("setup.py", "-q", "sdist", "-d", folder, cwd=tree, patience=LONG_PATIENCE)
-    assert made.returncode == 0, made.stderr
-    (source,) = folder.glob("*.tar.gz")
+    source = source_distribution(folder)
     command = ("-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder)
     result = run_python(
         *(*command, source), cwd=folder, environment=QUICK_BUILD, patience=LONG_PATIENCE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from support.processes import ROOT
+from support.processes import LONG_PATIENCE, ROOT, run_python
 
 IMPORT_PACKAGES = ("annik_core", "annik_view", "annik_training", "annik_ros", "msg_tools")
 SHARED_FOLDERS = ("config", "launch", "models", "robots")
@@ -20,3 +20,12 @@ def copy_of_the_tree(destination: Path) -> Path:
     ignore = shutil.ignore_patterns(".git", *patterns)
     shutil.copytree(ROOT, destination, ignore=ignore, dirs_exist_ok=True)
     return destination
+
+
+def source_distribution(folder: Path) -> Path:
+    """Make the source distribution of this checkout in a folder."""
+    tree = copy_of_the_tree(folder / "source")
+    made = run_python("setup.py", "-q", "sdist", "-d", folder, cwd=tree, patience=LONG_PATIENCE)
+    assert made.returncode == 0, made.stderr
+    (path,) = folder.glob("*.tar.gz")
+    return path

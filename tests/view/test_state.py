@@ -126,6 +126,26 @@ def test_every_kind_of_robot_is_drawn_to_its_end_effector(name: str) -> None:
     assert 0.1 < skeleton.reach < 5.0
 
 
+def test_ranges_of_joints_end_at_their_limits() -> None:
+    """Of each joint of Panda a hand, which turns with it, and an arc between the limits."""
+    skeleton = Skeleton(load_robot("panda"))
+    limits, start = skeleton.robot.joint_limits, skeleton.robot.joint_box.centre
+    segments = skeleton.ranges(start).reshape(skeleton.robot.dof, -1, 2, 3)
+    for joint, drawn in enumerate(segments):
+        for limit, end in ((limits.lower, drawn[0, 0]), (limits.upper, drawn[-2, 1])):
+            there = start.copy()
+            there[joint] = limit[joint]
+            hand = skeleton.ranges(there).reshape(segments.shape)[joint, -1]
+            np.testing.assert_allclose(hand, [drawn[-1, 0], end], atol=1e-12)
+        assert np.ptp(np.linalg.norm(drawn[:, 1] - drawn[-1, 0], axis=1)) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["gantry", "ur5e"])
+def test_joints_that_can_make_a_whole_turn_have_no_range(name: str) -> None:
+    skeleton = Skeleton(load_robot(name))
+    assert not len(skeleton.ranges(skeleton.robot.joint_box.centre))
+
+
 def test_a_tube_is_closed_and_has_its_volume() -> None:
     start, end = np.array([0.1, 0.2, 0.3]), np.array([0.4, -0.3, 0.9])
     mesh = shapes.tube(start, end, 0.05, 0.02)
