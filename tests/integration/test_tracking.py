@@ -149,8 +149,9 @@ def test_nodes_end_with_exit_code_0_when_asked_to(
     launch: Callable[..., Any], client: Any, number: signal.Signals
 ) -> None:
     """Soon, in the middle of work, and without a traceback."""
-    nodes = [launch("ik_node"), launch("fake_robot")]
-    nodes.append(launch("target_publisher", "-p", "loops:=0", "-p", "rate:=500"))
+    nodes = [launch(node, own_interpreter=True) for node in ("ik_node", "fake_robot")]
+    arguments = ("-p", "loops:=0", "-p", "rate:=500")
+    nodes.append(launch("target_publisher", *arguments, own_interpreter=True))
     client.wait_until(lambda: len(client.received["joint_command"]) > 100, "the robot moves")
     for node in reversed(nodes):
         node.signal(number)
@@ -163,7 +164,7 @@ def test_a_publisher_that_waits_ends_when_asked_to(
     launch: Callable[..., Any], number: signal.Signals
 ) -> None:
     """Nobody listens, and it has hours to wait."""
-    publisher = launch("target_publisher", "-p", "wait_timeout:=.inf")
+    publisher = launch("target_publisher", "-p", "wait_timeout:=.inf", own_interpreter=True)
     publisher.signal(number)
     assert publisher.wait_for_exit(EXIT_PATIENCE) == 0
     assert "Traceback" not in publisher.log

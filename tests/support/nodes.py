@@ -19,6 +19,7 @@ from annik_core.installation import default_model_path
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import robot_from_definition
 from examples.demonstration import reserved_domain
+from support.forked import ForkedNode
 from support.processes import Process
 
 #: What a node logs once it is ready.
@@ -41,6 +42,7 @@ class NodeProcess(Process):
         domain: ROS domain.
         log: file for its output, or a device.
         environment: variables to set besides those of the test.
+        own_interpreter: start an interpreter, which takes longer, also without other options.
         options: see :class:`Process`.
     """
 
@@ -51,12 +53,17 @@ class NodeProcess(Process):
         domain: int,
         log: Path,
         environment: Mapping[str, str] | None = None,
+        own_interpreter: bool = False,
         **options: object,
     ) -> None:
         self.node = node
-        command = [sys.executable, "-m", f"annik_ros.{node}.node"]
         if arguments:
-            command += ["--ros-args", *arguments]
+            arguments = ("--ros-args", *arguments)
+        if not (own_interpreter or environment or options):
+            self.name, self._log = log.stem, log
+            self._process = ForkedNode(node, arguments, log, domain)
+            return
+        command = [sys.executable, "-m", f"annik_ros.{node}.node", *arguments]
         environment = {"ROS_DOMAIN_ID": str(domain), **(environment or {})}
         super().__init__(*command, log=log, environment=environment, **options)
 

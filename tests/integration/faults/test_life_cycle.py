@@ -44,6 +44,7 @@ def test_an_ik_node_commands_only_while_it_is_active(
         "ik_node",
         *("-p", "autostart:=false", "-p", "queue_depth:=100", "-p", f"executor:={executor}"),
         ready=False,
+        own_interpreter=True,
     )
     _refuses_the_impossible(client, "unconfigured")
     response = client.call("ik_node/reload_model")
