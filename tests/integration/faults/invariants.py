@@ -69,8 +69,9 @@ def connect(client: Client, result: str = "joint_command", first: int = 0) -> in
 
 def settled(client: Client) -> int:
     """How many targets the node has received, once no more come; all else is forgotten."""
-    _, values = client.wait_for_status("ik_node", lambda _: True, "any state")
+    # First, so that no report is on its way that is older than the last of them.
     client.take_the_rest()
+    _, values = client.wait_for_status("ik_node", lambda _: True, "any state")
     for messages in client.received.values():
         messages.clear()
     return counts_in(values).received
