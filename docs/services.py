@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from annik_ros.ik_node.parameters import RELOAD_MODEL
+from annik_ros.ik_node.parameters import COMPUTE_IK, RELOAD_MODEL
 
 
 class Service(NamedTuple):
@@ -21,6 +21,13 @@ SERVICES = (
         "load the file of the parameter `model`, and use it from the next target on if it passes "
         "every check and is for the same robot; otherwise keep the present model, and return why. "
         "Targets are solved meanwhile; a call during a reload is answered busy",
+    ),
+    Service(
+        COMPUTE_IK,
+        "moveit_msgs/srv/GetPositionIK",
+        "where moveit_msgs is installed: the solution that is nearest to the robot state of the "
+        "request, otherwise to where the robot is; the robot stays. Group, timeout and collisions "
+        "are not looked at; of several links, none",
     ),
     Service(
         "~/change_state",

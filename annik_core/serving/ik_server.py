@@ -107,19 +107,25 @@ class IkServer:
         return PathResult(np.array([result.joint_positions for result in results]), None)
 
     def solutions(
-        self, pose: Numbers, frame_id: str = "", *, turns: bool = False
+        self,
+        pose: Numbers,
+        frame_id: str = "",
+        near: FloatArray | None = None,
+        *,
+        turns: bool = False,
     ) -> list[IkResult] | Refusal:
         """All solutions of a pose ``(7,)``, unchecked, or why it is refused; counted apart.
 
-        The nearest first: to the measured joint positions, where they are unknown to the last
-        command, without one to the middle of the joint limits. ``turns``: see
-        :meth:`annik_core.solver.ik_solver.IkSolver.solutions`.
+        The nearest first: to joint positions ``(dof,)``; by default to the measured ones, where
+        they are unknown to the last command, without one to the middle of the joint limits.
+        ``turns``: see :meth:`annik_core.solver.ik_solver.IkSolver.solutions`.
         """
         refusal = check_frame(frame_id, self.solver.robot.base_frame)
         refusal = refusal or check_workspace_box(pose, self.safety)
         found: list[IkResult] = []
         if refusal is None:
-            near = self._measure().joint_positions
+            if near is None:
+                near = self._measure().joint_positions
             if near is None and self._previous is not None:
                 near = self._previous.joint_positions
             found = self.solver.solutions(pose, near, turns=turns)

@@ -8,7 +8,7 @@ from concurrent.futures import Future, wait
 from dataclasses import replace
 from pathlib import Path
 from traceback import format_exception
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped
 from rclpy.clock import Clock, ClockType
@@ -37,8 +37,14 @@ from annik_ros.diagnostics import (
     outcome_report,
     time_values,
 )
+from annik_ros.ik_node.compute_ik import compute_ik, service_type
 from annik_ros.ik_node.frames import NoTransform, TargetFrames
-from annik_ros.ik_node.parameters import RELOAD_MODEL, IkNodeParameters, OnRefusal
+from annik_ros.ik_node.parameters import (
+    COMPUTE_IK,
+    RELOAD_MODEL,
+    IkNodeParameters,
+    OnRefusal,
+)
 from annik_ros.ik_node.publishers import CommandPublishers
 from annik_ros.managed_node import ManagedNode, logged
 from annik_ros.measured_joint_positions import MeasuredJointPositions
@@ -209,6 +215,8 @@ class IkNode(ManagedNode):
         service = self.create_service(
             Trigger, RELOAD_MODEL, self._on_reload, qos_profile=reliable(RESULT_DEPTH)
         )
+        if (compute_ik_type := service_type()) is not None:
+            self.create_service(compute_ik_type, COMPUTE_IK, self._on_compute_ik)
         # Executors send the response when the callback returns; those of Jazzy know no other way.
         self._send_response, service.send_response = service.send_response, self._respond
         self.add_post_set_parameters_callback(self._on_parameters)
@@ -411,6 +419,12 @@ class IkNode(ManagedNode):
             self._reload = Reload(job, self._serving, response)
             self._reload_timer.reset()
         return response
+
+    def _on_compute_ik(self, request: Any, response: Any) -> Any:
+        serving = self._serving if self._active else None
+        server = None if serving is None else serving.server
+        in_base_frame = self._in_base_frame(pose_stamped_from_bytes)
+        return compute_ik(server, in_base_frame, request, response)
 
     def _respond(self, response: Trigger.Response, header: object) -> None:
         """Send a response now, or keep the address of the one that comes later."""

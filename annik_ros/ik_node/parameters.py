@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 #: The service that loads the model file anew.
 RELOAD_MODEL = "~/reload_model"
+#: The service of MoveIt for inverse kinematics.
+COMPUTE_IK = "~/compute_ik"
 
 
 class OnRefusal(Enum):

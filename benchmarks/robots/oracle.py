@@ -83,7 +83,8 @@ class Oracle:
 
     @cached_property
     def _middle(self) -> FloatArray:
-        return np.where(np.isfinite(self.lower), 0.5 * (self.lower + self.upper), 0.0)
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isfinite(self.lower), 0.5 * (self.lower + self.upper), 0.0)
 
     def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Joint positions ``(n, dof)`` anywhere in the full range."""
