@@ -12,6 +12,10 @@ from benchmarks.command_line import run
 BENCHMARKS = {
     "arms": ("benchmarks.arms", "Train the packaged arms anew and measure the models."),
     "fit_methods": ("benchmarks.fit_methods", "Ways to fit the paper's network."),
+    "computed_examples": (
+        "benchmarks.computed_examples",
+        "How many computed examples a whole robot needs: minutes.",
+    ),
     "solve_time": ("benchmarks.solve_time", "The time of a solve, part by part."),
     "learn_robot": ("benchmarks.learn_robot", "Calibrate simulated UR5es: an hour."),
     "calibrate": (

@@ -283,6 +283,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     DOCS / "training.md": {"designs": designs, "phases": phases},
     DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
     DOCS / "installation.md": {"install": result("install")},
+    DOCS / "study.md": {"computed_examples": result("computed_examples")},
     LEARN: {"calibrate": result("calibrate"), "learn_robot": result("learn_robot")},
     DOCS / "whole_robot.md": {"robots": result("robots")},
     DOCS / "performance.md": {"node_bench": result("node_bench")},

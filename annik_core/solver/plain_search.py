@@ -218,9 +218,13 @@ class PlainSearch:
         )
 
     @cached_property
+    def _examples(self) -> FloatArray:
+        return np.array([self._spread(index) for index in range(self.examples)])
+
+    @cached_property
     def _stored(self) -> tuple[FloatArray, FloatArray, "_ReducedPose", cKDTree]:
         """Examples, their poses, and a tree of the poses."""
-        examples = np.array([self._spread(index) for index in range(self.examples)])
+        examples = self._examples
         reduced = _ReducedPose.of(self.kinematics, self.limits, self.turns, self.length)
         poses = self.kinematics.poses(examples)
         return examples, poses, reduced, cKDTree(reduced.features(poses))

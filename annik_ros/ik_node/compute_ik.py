@@ -55,10 +55,9 @@ def compute_ik(
     if isinstance(found, Refusal):
         frame = found.status is IkStatus.WRONG_FRAME
         error.val = error.FRAME_TRANSFORM_FAILURE if frame else error.NO_IK_SOLUTION
-    elif not found:
+    elif not found or (positions := found[0].joint_positions) is None:
         error.val = error.NO_IK_SOLUTION
     else:
-        state = joint_state_from_array(found[0].joint_positions, robot.joint_names)
-        response.solution.joint_state = state
+        response.solution.joint_state = joint_state_from_array(positions, robot.joint_names)
         error.val = error.SUCCESS
     return response

@@ -64,7 +64,7 @@ def whole_robot_page(results: WholeResults) -> str:
         f"solvers or {settings.restarts:,} random starts of an independent Newton's method find. "
         "An arm with seven joints has infinitely many; annik lists a sample. Solvers that are not "
         "in the table find one solution only. Newton's method after a closed form is in NumPy: "
-        "its time says nothing.",
+        "its time says nothing. Times are of the processor: others share the machine.",
         *first(
             "The whole robot: paths followed, and branch changes",
             lambda arm, name: _path(arm, name),
