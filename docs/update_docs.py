@@ -154,6 +154,13 @@ def result(name: str) -> Callable[[], str]:
     return measured
 
 
+def computed_examples() -> str:
+    """How many computed examples a whole robot needs: figure and table."""
+    what = "answered poses, recall and starts against the number of computed examples"
+    figure = f"![{what}](images/study_computed_examples.png)"
+    return f"{figure}\n\n{result('computed_examples')()}"
+
+
 def kernel_size() -> str:
     """The lines of C++ in the kernel, to fifty, so that not every change of it is one here."""
     lines = sum(
@@ -281,9 +288,13 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
     },
     DOCS / "architecture.md": {"kernel size": kernel_size},
     DOCS / "training.md": {"designs": designs, "phases": phases},
-    DOCS / "arms.md": {"arms": result("arms"), "ik_bench": result("ik_bench")},
+    DOCS / "arms.md": {
+        "arms": result("arms"),
+        "ik_bench": result("ik_bench"),
+        "ik_whole_robot": result("ik_whole_robot"),
+    },
     DOCS / "installation.md": {"install": result("install")},
-    DOCS / "study.md": {"computed_examples": result("computed_examples")},
+    DOCS / "study.md": {"computed_examples": computed_examples},
     LEARN: {"calibrate": result("calibrate"), "learn_robot": result("learn_robot")},
     DOCS / "whole_robot.md": {"robots": result("robots")},
     DOCS / "performance.md": {"node_bench": result("node_bench")},

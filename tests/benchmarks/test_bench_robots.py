@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from annik_core.robots.library import load_robot
+from benchmarks.computed_examples import DESIGNS, FIGURE, SEQUENCE, computed_examples
 from benchmarks.ik.peers.serial_chain import SerialChain
 from benchmarks.robots.command import page, robots
 from benchmarks.robots.folder import ArmFile, NoRobots, arms_of, longest_chain
@@ -120,3 +121,16 @@ def test_the_command_measures_a_folder(ur5e: ArmFile, tmp_path: Path) -> None:
     assert arm["solutions"] > 2
     assert arm["paths"]["wrong"] == arm["paths"]["large_steps"] == 0
     assert (tmp_path / "robots.md").read_text(encoding="utf-8") == page(data)
+
+
+def test_computed_examples_of_each_design_are_searched(tmp_path: Path) -> None:
+    amounts = ["--poses=5", "--recall-poses=1"]
+    command = ["--quick", "--out", str(tmp_path), *amounts]
+    result = CliRunner().invoke(computed_examples, command, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    rows = [line.split(" | ") for line in result.output.splitlines() if line.startswith("| ")][2:]
+    assert [row[0].removeprefix("| ") for row in rows[::2]] == [SEQUENCE, *DESIGNS]
+    assert all(float(row[3]) > 80.0 for row in rows)
+    few, many = (float(row[4].removesuffix(" |")) for row in rows[:2])
+    assert many < few
+    assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
