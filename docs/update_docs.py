@@ -3,7 +3,8 @@
 A generated part of a page is between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the files
 ``config/NODE.yaml`` are generated as a whole. With ``--check`` nothing is written; the exit code
 is 1 if anything that comes from the code is out of date. With ``--demo FOLDER`` the measured
-results and the pictures of a demo are included, with ``--learn FOLDER`` those of ``./run learn``.
+results and the pictures of a demo are included, with ``--learn FOLDER`` those of ``./run learn``,
+with ``--learn-sockets FOLDER`` those of ``./run learn --sockets``.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ README = DOCS.parent / "README.md"
 LEARN = DOCS / "learn_your_robot.md"
 PICTURES = {"errors.png": "tracking_error.png", "path.png": "path.png"}
 LEARN_PICTURES = {"before_and_after.png": "before_and_after.png"}
+LEARN_SOCKETS_PICTURES = {"before_and_after.png": "before_and_after_sockets.png"}
 
 
 def api() -> str:
@@ -232,6 +234,34 @@ def learn(results: Mapping[str, object]) -> str:
     return f"{markdown_table(('measured by `./run learn`', ''), rows)}\n\n{machine()}"
 
 
+def learn_sockets(results: Mapping[str, object]) -> str:
+    """What ``./run learn --sockets`` measured."""
+    fit = _mapping(results["fit"])
+    rows = [
+        ("rows, with the ball in a socket", f"{fit['examples']}"),
+        ("calibration, without the training of the network", f"{fit['seconds']:.1f} s"),
+    ]
+    for model, name in (("nominal", "nominal"), ("calibrated", "learned")):
+        driven: Any = results[name]
+        rows += [
+            (
+                f"{model} model: {what}",
+                f"{driven[key]['mean']:.4f} mm, {driven[key]['max']:.4f} mm",
+            )
+            for what, key in (
+                ("balls in a socket from their mean, mean and largest", "sockets_mm"),
+                ("ball from its path, mean and largest", "path_mm"),
+            )
+        ]
+        rows.append(
+            (
+                f"{model} model: error of the distance of the sockets",
+                f"{driven['distance_error_mm']:.4f} mm",
+            )
+        )
+    return f"{markdown_table(('measured by `./run learn --sockets`', ''), rows)}\n\n{machine()}"
+
+
 def _mapping(value: object) -> Mapping[str, float]:
     assert isinstance(value, Mapping)
     return value
@@ -321,6 +351,7 @@ def main() -> None:
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--demo", type=Path)
     parser.add_argument("--learn", type=Path)
+    parser.add_argument("--learn-sockets", type=Path)
     arguments = parser.parse_args()
     stale = []
 
@@ -341,6 +372,7 @@ def main() -> None:
         for page, folder, name, content_of in (
             (README, arguments.demo, "demo", demo),
             (LEARN, arguments.learn, "learn", learn),
+            (LEARN, arguments.learn_sockets, "learn sockets", learn_sockets),
         ):
             if path == page and folder:
                 results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
@@ -349,6 +381,7 @@ def main() -> None:
     for folder, pictures in (
         (arguments.demo, PICTURES),
         (arguments.learn, LEARN_PICTURES),
+        (arguments.learn_sockets, LEARN_SOCKETS_PICTURES),
     ):
         if folder and not arguments.check:
             for source, name in pictures.items():

@@ -19,6 +19,7 @@ from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_core.robots.screw_chain import ScrewChain, motion_matrices
 from annik_core.settings import check_settings, setting
+from annik_training.calibration.distances import FoundDistance, found_distances
 from annik_training.calibration.errors import InvalidMeasurements, TooFewMeasurements
 from annik_training.calibration.estimation import LEAST_NOISE, Estimate, tuned
 from annik_training.calibration.frames import OTHER, Frames, check_known, initial_frames
@@ -106,6 +107,8 @@ class CalibratedRobot:
     #: The models that were compared; ``estimate.model.parts`` was chosen.
     candidates: tuple[Candidate, ...]
     outliers: NDArray[np.bool_]  #: ``(n,)`` the examples that were left out
+    #: Known distances between fixed points, beside those that the arm itself tells.
+    distances: tuple[FoundDistance, ...]
     #: Geometric errors that the poses don't identify; they stay near nominal.
     unidentified: tuple[str, ...]
     repeatability: Repeatability | None  #: None without repeated approaches
@@ -144,6 +147,7 @@ def calibrate(
         RobotMismatch: if the poses were measured with other joints or frames.
         InvalidMeasurements: if they are of another number of joints.
         TooFewMeasurements: naming the least number.
+        OtherDistance: if a known distance between fixed points is not that of the arm.
         OtherFrame: if a frame that is said to be known is another one.
         UnexplainedMeasurements: if the poses are not this robot's.
         ImplausibleErrors: if they are another robot's.
@@ -177,7 +181,7 @@ def calibrate(
     check_moved(robot, observations, _FIRST_NOISE, rng)
     observations = replace(observations, frames=_frames(robot, measured, observations))
     with one_thread():
-        found, candidates, outliers = _estimate(robot, observations, options, rng)
+        found, candidates, outliers, distances = _estimate(robot, observations, options, rng)
         check_explained(found, rng)
     frames = found.observations.frames.moved(found.unknowns)
     corrections = found.model.corrections(found.model_parameters)
@@ -212,6 +216,7 @@ def calibrate(
         found,
         candidates,
         outliers,
+        distances,
         unidentified,
         repeated,
         options,
@@ -253,15 +258,21 @@ def _estimate(
     observations: Observations,
     options: CalibrationOptions,
     rng: np.random.Generator,
-) -> tuple[Estimate, tuple[Candidate, ...], NDArray[np.bool_]]:
+) -> tuple[Estimate, tuple[Candidate, ...], NDArray[np.bool_], tuple[FoundDistance, ...]]:
     models = [ParametricModel(robot, parts, options.gravity) for parts in options.candidates]
     linear = [model for model in models if not model.has_networks]
-    outliers = find_outliers(max(linear, key=lambda model: model.size), observations, _FIRST_NOISE)
+    # Without the known distances, which could be wrong too.
+    outliers, fitted = find_outliers(
+        max(linear, key=lambda model: model.size),
+        replace(observations, distances=()),
+        _FIRST_NOISE,
+    )
+    distances = found_distances(fitted, observations) if observations.distances else ()
     kept = observations.where(~outliers)
     _check_number(models[0], kept, int(outliers.sum()))
     fits = [_best_estimate(model, kept, options, rng) for model in models]
     candidates = _judged(fits)
-    return fits[_chosen(candidates)], candidates, outliers
+    return fits[_chosen(candidates)], candidates, outliers, distances
 
 
 def _check_number(simplest: ParametricModel, observations: Observations, outliers: int) -> None:

@@ -112,6 +112,19 @@ class OtherFrame(CalibrationError):
         )
 
 
+class OtherDistance(CalibrationError):
+    """The known distance between fixed points is another one than the arm tells."""
+
+    def __init__(self, known: float, found: float) -> None:
+        self.known = known  #: [m]
+        self.found = found  #: by the arm alone [m]
+        super().__init__(
+            f"the known distance between the sockets is {1e3 * known:.4g} mm, but by the arm it "
+            f"is about {1e3 * found:.4g} mm: give --socket-distance in metres, from centre to "
+            "centre of the ball in the one and the other, and check which file is which socket"
+        )
+
+
 class ImplausibleErrors(CalibrationError):
     """The measured poses are those of another robot: these geometric errors are too large."""
 

@@ -122,42 +122,55 @@ class Estimate:
 
         The fits have a noise and sizes of their own.
         """
-        return self._held_out(self.observations.folds)
+        columns, _ = self.columns(self.used)
+        return self._held_out(self.observations.folds, columns)[0]
 
     @cached_property
-    def unseen_residuals(self) -> FloatArray:
-        """The same by fits without the whole placement of the row, as far as there are two.
+    def unseen_residuals(self) -> FloatArray | None:
+        """Residuals ``(n, rows)`` by fits without the whole placement of the row.
 
-        From the mean at each fixed point, which is unknown then.
+        From the mean at each fixed point, which is unknown then. Such a fit knows much less than
+        the whole one: each residual is divided by how much more its fit expects of it, by noise
+        and posterior. None without two placements.
         """
         placements, points = self.observations.placements, self.observations.fixed_points
         if placements is None or points is None or placements.max() == 0:
-            return self.held_out_residuals
-        unseen, weights = self._held_out(placements), self.observations.weights
+            return None
+        columns, _ = self.columns(self.used)
+        weights = self.observations.weights
         for point in np.unique(points):
             rows = points == point
-            unseen[rows] -= np.average(unseen[rows], axis=0, weights=weights[rows])
-        return unseen
+            columns[rows] -= np.average(columns[rows], axis=0, weights=weights[rows])
+        return np.divide(*self._held_out(placements, columns))
 
-    def _held_out(self, folds: NDArray[np.int64]) -> FloatArray:
+    def _held_out(
+        self, folds: NDArray[np.int64], predicted: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals ``(n, rows)`` by fits without a fold, and their expected ratio to the whole's.
+
+        ``predicted`` are the columns ``(n, rows, p + 1)`` of what is predicted.
+        """
         used = self.used
         columns, distances = self.columns(used)
         groups, weights = self.used_groups(used), self.observations.weights
         whole = Equations.of(columns, weights, distances)
-        held_out = columns[..., -1].copy()
+        start = np.ones(2), self.parameters[used], self.own_prior[used]
+        by_all = LinearFit(whole, *start).expected(predicted)
+        held_out, ratios = predicted[..., -1].copy(), np.ones_like(by_all)
         least = LEAST_NOISE / np.array([self.noise.position, self.noise.orientation])
         for fold in np.unique(folds):
             rows = folds == fold
             equations = whole.without(Equations.of(columns[rows], weights[rows], distances))
-            fit = LinearFit(equations, np.ones(2), self.parameters[used], self.own_prior[used])
+            fit = LinearFit(equations, *start)
             for _ in range(_TURNS):
                 before = fit
                 prior = before.sizes_found(len(self.model.errors), groups)
                 fit = LinearFit(equations, before.noise_found(least), before.around, prior)
                 if fit.distance_from(before) < _SETTLED:
                     break
-            held_out[rows] += columns[rows, :, :-1] @ fit.step
-        return held_out
+            held_out[rows] += predicted[rows, :, :-1] @ fit.step
+            ratios[rows] = fit.expected(predicted[rows]) / by_all[rows]
+        return held_out, ratios
 
     def used_groups(self, used: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The groups of the model's parameters among those that are used."""

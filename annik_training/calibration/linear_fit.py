@@ -95,6 +95,17 @@ class LinearFit:
         gradient = self._sums[:-1, -1] + self.around / self.prior**2
         return np.asarray(-self.covariance @ gradient, dtype=np.float64)
 
+    def expected(self, columns: FloatArray) -> FloatArray:
+        """Root mean squares ``(n, rows)`` of the residuals with columns ``(n, rows, p + 1)``.
+
+        By noise and posterior, the same for the three coordinates of a kind.
+        """
+        derivatives = columns[..., :-1]
+        squares = ((derivatives @ self.covariance) * derivatives).sum(axis=2)
+        kinds = squares.reshape(len(columns), -1, 3).mean(axis=2)
+        kinds += self.noise[: kinds.shape[1]] ** 2
+        return np.sqrt(np.repeat(kinds, 3, axis=1))
+
     def noise_found(self, least: FloatArray) -> FloatArray:
         """Noise ``(2,)`` by the residuals and their degrees of freedom, at least ``(2,)``."""
         whole, noise = np.append(self.step, 1.0), self.noise.copy()

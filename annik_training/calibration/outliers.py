@@ -21,8 +21,10 @@ _ROUNDS = 4
 
 def find_outliers(
     model: ParametricModel, observations: Observations, noise: Noise
-) -> NDArray[np.bool_]:
+) -> tuple[NDArray[np.bool_], Estimate]:
     """Examples ``(n,)`` that don't agree with the others, by a model that explains the most.
+
+    Also the fit without them.
 
     Residuals are compared with what the fit without the example expects, and with their own
     median. ``noise`` is where the estimate of the noise begins.
@@ -43,7 +45,7 @@ def find_outliers(
             )
         if np.array_equal(outlying, before):
             break
-    return np.asarray(outlying, dtype=np.bool_)
+    return np.asarray(outlying, dtype=np.bool_), fitted
 
 
 def _squares(fitted: Estimate) -> FloatArray:

@@ -1,9 +1,11 @@
 """Uncertainty of a calibration: parameters, joints, and the error bound of each pose."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from annik_core.pose import FloatArray
 from annik_core.robots.corrections import ErrorBound, quadratic_features
 from annik_core.robots.robot import Robot
 from annik_training.calibration.errors import (
@@ -30,9 +32,10 @@ _DRAWS = 400
 CONFIDENCE = 0.95
 #: More than the confidence, since sizes and noise of the fit know the example that is left out.
 _MARGIN = 0.015
-#: A bound shrinks at most by this factor, and by the second one where the residuals are mostly the
-#: known noise of the measurements, so that they tell little of the robot.
-_LEAST_FACTORS = (0.01, 0.3)
+#: A bound shrinks at most by this factor; by the second one where the residuals are mostly the
+#: known noise of the measurements, so that they tell little of the robot; by the third with fixed
+#: points, whose few placements tell little of other places.
+_LEAST_FACTORS = (0.01, 0.3, 0.5)
 #: 95th percentile of the length of three independent standard normal coordinates.
 _NOISE_BOUND = 2.795
 
@@ -138,6 +141,9 @@ def error_bound_of(
 
     By robots drawn from the posterior. Residuals beyond the noise of the measurements are added as
     independent errors of the robot at each pose.
+
+    The errors are those of the tool, in the frame of the instrument. Fixed points have none:
+    there they are what remains after the motion of the base that makes them least.
     """
     model, measured_at = fitted.model, fitted.observations.joint_positions
     # In the joint box, and as much where it was measured, which may be a small part of it.
@@ -147,10 +153,7 @@ def error_bound_of(
             measured_at[rng.integers(len(measured_at), size=_POSES)],
         ]
     )
-    columns = model.evaluate(fitted.model_parameters, joint_positions).columns
-    draws = (columns @ fitted.root[: model.size]) @ rng.normal(
-        size=(len(fitted.parameters), _DRAWS)
-    )
+    draws = _motions(fitted, joint_positions) @ rng.normal(size=(len(fitted.parameters), _DRAWS))
     draws *= max(1.0, _calibration(fitted))
     centre, half = fitted.model.scale
     features = quadratic_features(np.clip((joint_positions - centre) / half, -1.0, 1.0))
@@ -175,32 +178,62 @@ def error_bound_of(
     return bound
 
 
+def _motions(fitted: Estimate, joint_positions: FloatArray) -> FloatArray:
+    """Motions ``(n, 6, p + u)`` of the tool [m], [rad] by independent standard normals."""
+    count = len(joint_positions)
+    observations = replace(
+        fitted.observations,
+        joint_positions=joint_positions,
+        positions=np.zeros((count, 3)),
+        rotations=np.tile(np.eye(3), (count, 1, 1)),
+        has_orientation=True,
+        fixed_points=None,
+    )
+    evaluated = fitted.model.evaluate(fitted.model_parameters, joint_positions)
+    columns = observations.derivatives(evaluated, Noise(1.0, 1.0), fitted.unknowns)
+    motions: FloatArray = columns @ fitted.root[: columns.shape[2]]
+    if fitted.observations.fixed_points is None:
+        return motions
+    tool = fitted.observations.frames.moved(fitted.unknowns).tool[:3, 3]
+    points = evaluated.positions + evaluated.rotations @ tool
+    base = np.zeros((count, 6, 6))
+    base[:, range(6), range(6)] = 1.0
+    base[:, :3, 3:] = -np.cross(points[:, None, :], np.eye(3)).swapaxes(1, 2)
+    away = motions[:, :3].reshape(-1, motions.shape[2])
+    return motions - base @ np.linalg.lstsq(base[:, :3].reshape(-1, 6), away, rcond=None)[0]
+
+
 def _held_out_factors(
     fitted: Estimate, bound: ErrorBound, measured_noise: Noise
 ) -> tuple[float, float]:
     """Factors with which the bounds hold for held-out examples: conformal prediction.
 
     The error of an example by the fit without it, less the noise of its measurement, over its
-    bound; of these ratios the quantile. References: [Vovk2005]_ V. Vovk, A. Gammerman, G. Shafer:
-    Algorithmic learning in a random world. Springer, 2005.
+    bound; of these ratios the quantile, and at least a tenth of the largest. References:
+    [Vovk2005]_ V. Vovk, A. Gammerman, G. Shafer: Algorithmic learning in a random world.
+    Springer, 2005.
     """
     bounds = bound.of_rows(fitted.observations.joint_positions)
     factors = [1.0, 1.0]
     counted = fitted.observations.weights > 0.0
+    unseen = fitted.unseen_residuals
+    held_out = fitted.held_out_residuals if unseen is None else unseen
     for index, (rows, scale, known) in enumerate(
         (
             (slice(0, 3), fitted.noise.position, measured_noise.position),
             (slice(3, 6), fitted.noise.orientation, measured_noise.orientation),
         )
     ):
-        residuals = scale * fitted.unseen_residuals[counted][:, rows]
+        residuals = scale * held_out[counted][:, rows]
         if not residuals.size:
             continue
         squares = (residuals**2).sum(axis=1) - (_NOISE_BOUND * known) ** 2
         ratios = np.sqrt(np.maximum(squares, 0.0)) / bounds[counted, index]
         level = min(1.0, (CONFIDENCE + _MARGIN) * (1.0 + 1.0 / len(ratios)))
         least = _LEAST_FACTORS[0 if known < 0.5 * scale else 1]
-        factors[index] = max(least, float(np.quantile(ratios, level)))
+        if fitted.observations.fixed_points is not None:
+            least = _LEAST_FACTORS[2]
+        factors[index] = max(least, float(np.quantile(ratios, level)), 0.1 * float(ratios.max()))
     return factors[0], factors[1]
 
 

@@ -11,12 +11,10 @@ import click
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy.spatial.transform import Rotation
 
 import annik_training
 from annik_core.dataset import Dataset
 from annik_core.files import ensure_writable_folder, expanded, read_regular_file, write_file
-from annik_core.pose import FloatArray, roll_pitch_yaw
 from annik_core.robots.calibrated_urdf import calibrated_urdf
 from annik_core.robots.definition import LENGTH_UNITS
 from annik_core.robots.robot import Robot
@@ -31,6 +29,8 @@ from annik_training.cli.calibration_report import (
     by_joint,
     calibration_report,
     errors_by_row,
+    findings,
+    warnings,
     write_calibration_report,
 )
 from annik_training.cli.options import (
@@ -261,37 +261,17 @@ def _print_calibration(calibrated: "CalibratedRobot") -> None:
         f"{len(calibrated.measured)} {what} of {calibrated.nominal.name}, "
         f"{int(outliers.sum())} outliers left out, {calibrated.seconds:.1f} s"
     )
-    noise = calibrated.estimate.noise
-    click.echo(
-        f"unexplained: {1e3 * noise.position:.4f} mm and {np.degrees(noise.orientation):.5f} "
-        "degrees in each coordinate"
-    )
-    repeated = calibrated.repeatability
-    if repeated is not None:
-        cause = ": play or friction, which the bound includes" if repeated.is_play else ""
-        click.echo(
-            f"repeated approaches ({repeated.pairs}) end {1e3 * repeated.distance:.3f} mm from "
-            f"their mean{cause}"
-        )
+    for what, value in findings(calibrated):
+        click.echo(f"{what}: {value}")
+    for warning in warnings(calibrated):
+        click.echo(f"annik: {warning}", err=True)
     if outliers.any():
         numbers = ", ".join(map(str, np.flatnonzero(outliers)))
         click.echo(f"outliers, by their row in the dataset: {numbers}")
-    frames = calibrated.frames
-    if frames.base_unknown:
-        click.echo(f"robot's base in the frame of the measurements: {_shown(frames.base)}")
-    if frames.tool_unknowns:
-        click.echo(f"what was measured, in the end effector frame: {_shown(frames.tool)}")
     if calibrated.unidentified:
         click.echo("not identified by these poses, left near nominal:")
         for joint, kinds in by_joint(calibrated.unidentified).items():
             click.echo(f"  {joint}: {'; '.join(kinds)}")
-
-
-def _shown(frame: FloatArray) -> str:
-    quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True)
-    position = ", ".join(f"{1e3 * part:.3f}" for part in frame[:3, 3])
-    angles = ", ".join(f"{np.degrees(part):.4f}" for part in roll_pitch_yaw(quaternion.tolist()))
-    return f"{position} mm; roll, pitch, yaw {angles} degrees"
 
 
 def _names(parts: Iterable[Any]) -> list[str]:

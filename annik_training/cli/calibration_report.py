@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annik_core.files import ensure_writable_folder, write_files_atomically
-from annik_core.pose import FloatArray
+from annik_core.pose import FloatArray, roll_pitch_yaw
+from annik_core.robots.arm_kinematics import gravity_moments
 from annik_core.robots.robot import Robot
+from annik_core.robots.screw_chain import ScrewChain
 from annik_training.calibration.estimation import derivatives_of, residuals_of
 from annik_training.calibration.observations import Observations
 from annik_training.cli.plots import png
@@ -25,6 +27,7 @@ from annik_training.designs.identifiability_design import most_informative
 
 if TYPE_CHECKING:
     from annik_training import CalibratedRobot
+    from annik_training.calibration.calibrate import Candidate
 
 #: Joint positions to measure next, chosen from so many.
 _FOLLOWING, _CANDIDATES = 10, 300
@@ -34,6 +37,8 @@ _STEPS, _LARGEST_STEP, _AT_SOCKET = 40, 0.2, 1e-5
 #: Parts of each joint's measured interval.
 _REGIONS = 3
 _COLUMNS = 4
+#: Orders of a joint's series are shown if they are so strong, relative to the strongest of all.
+_STRONG = 0.1
 _TEMPLATE = "calibration_report.html.jinja"
 
 
@@ -53,6 +58,16 @@ class Parameter(NamedTuple):
         return f"{factor * self.amount:.4f} ± {factor * self.deviation:.4f} {unit}"
 
 
+class JointCorrection(NamedTuple):
+    """Largest corrections of a joint at the measured rows, besides that of its zero."""
+
+    joint: str
+    unit: str
+    by_weight: float | None  #: [mrad]; None if the model has no deflection
+    by_position: float | None  #: [mrad or mm]; None if the model has no series
+    orders: str  #: the strongest of its series, in periods a turn
+
+
 @dataclass(frozen=True, eq=False)
 class CalibrationReport:
     """What a report shows."""
@@ -68,7 +83,10 @@ class CalibrationReport:
     following: FloatArray  #: ``(m, dof)`` joint positions whose measurement would help most
     #: ``(m,)`` file of the socket that the ball is in there; empty without sockets.
     sockets: Sequence[str] = ()
-    notes: Sequence[str] = ()
+    findings: Sequence[tuple[str, str]] = ()  #: what was found, and its value
+    notes: Sequence[str] = ()  #: what to look at first
+    candidates: "Sequence[Candidate]" = ()
+    corrections: Sequence[JointCorrection] = ()
 
     @property
     def unidentified(self) -> dict[str, list[str]]:
@@ -112,9 +130,95 @@ def errors_by_row(calibrated: "CalibratedRobot") -> tuple[FloatArray, FloatArray
     return noise * np.linalg.norm(before, axis=1), noise * np.linalg.norm(after, axis=1)
 
 
-def calibration_report(
-    calibrated: "CalibratedRobot", places: Sequence[str], notes: Sequence[str] = ()
-) -> CalibrationReport:
+def findings(calibrated: "CalibratedRobot") -> Iterator[tuple[str, str]]:
+    """What was found, besides the parameters of the model, and its value."""
+    found, frames, bound = calibrated.estimate, calibrated.frames, calibrated.robot.error_bound
+    noise, observations = found.noise, found.observations
+    angle = f" and {math.degrees(noise.orientation):.5f} degrees"
+    yield (
+        "unexplained",
+        f"{1e3 * noise.position:.4f} mm{angle * observations.has_orientation} in each coordinate",
+    )
+    assert bound is not None
+    bounds = bound.of_rows(calibrated.robot.in_box(observations.joint_positions))
+    for index, (factor, unit) in enumerate(((1e3, "mm"), (180.0 / math.pi, "degrees"))):
+        if index == 0 or observations.has_orientation:
+            mean, largest = factor * bounds[:, index].mean(), factor * bounds[:, index].max()
+            yield (
+                ("position", "orientation")[index] + " error of 95 of 100 poses",
+                f"at most {mean:.4g} {unit} on average, {largest:.4g} {unit} somewhere",
+            )
+    repeated = calibrated.repeatability
+    if repeated is not None:
+        cause = ": play or friction, which the bound includes" if repeated.is_play else ""
+        yield (
+            f"repeated approaches ({repeated.pairs})",
+            f"end {1e3 * repeated.distance:.3f} mm from their mean{cause}",
+        )
+    if frames.base_unknown:
+        yield "robot's base in the frame of the measurements", _shown(frames.base)
+    if frames.tool_unknowns:
+        yield "what was measured, in the end effector frame", _shown(frames.tool)
+    if calibrated.distances:
+        alone = ", ".join(
+            f"{1e3 * one.found:.2f} ± {1e3 * one.deviation:.2f}" for one in calibrated.distances
+        )
+        yield (
+            "distance of the sockets",
+            f"given {1e3 * calibrated.distances[0].known:.2f} mm; by the arm alone {alone} mm",
+        )
+
+
+def warnings(calibrated: "CalibratedRobot") -> Iterator[str]:
+    """What to look at before the calibration is used."""
+    if any(one.is_doubtful for one in calibrated.distances):
+        yield "by the arm, the sockets have another distance: check --socket-distance"
+    if calibrated.repeatability is not None and calibrated.repeatability.is_play:
+        yield (
+            f"the arm has play or friction of {1e3 * calibrated.repeatability.distance:.2f} mm, "
+            "which no calibration corrects"
+        )
+
+
+def _shown(frame: FloatArray) -> str:
+    quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(canonical=True)
+    position = ", ".join(f"{1e3 * part:.3f}" for part in frame[:3, 3])
+    angles = ", ".join(f"{np.degrees(part):.4f}" for part in roll_pitch_yaw(quaternion.tolist()))
+    return f"{position} mm; roll, pitch, yaw {angles} degrees"
+
+
+def joint_corrections(calibrated: "CalibratedRobot") -> Iterator[JointCorrection]:
+    """Those of every joint, if the model has any."""
+    found, robot = calibrated.estimate, calibrated.nominal
+    joint_positions = found.observations.joint_positions
+    corrections = found.model.corrections(found.model_parameters)
+    deflection, series = corrections.deflection, corrections.joint_harmonics
+    by_weight = by_position = amplitudes = None
+    if deflection is not None:
+        chain = ScrewChain.from_urdf(robot.definition["urdf"])
+        moments = gravity_moments(chain, joint_positions, deflection.gravity)
+        by_weight = np.abs((moments * deflection.compliances).sum(-1)).max(axis=0)
+    if series is not None:
+        by_position = np.abs(series.actual(joint_positions) - joint_positions).max(axis=0)
+        amplitudes = np.hypot(series.sines, series.cosines)
+    if deflection is None and series is None:
+        return
+    for joint, name in enumerate(robot.joint_names):
+        orders = ""
+        if amplitudes is not None:
+            strongest = np.argsort(-amplitudes[joint])[:3]
+            strongest = strongest[amplitudes[joint, strongest] > _STRONG * amplitudes.max()]
+            orders = ", ".join(str(order + 1) for order in sorted(strongest.tolist()))
+        yield JointCorrection(
+            name,
+            "mm" if robot.joint_types[joint] == "prismatic" else "mrad",
+            None if by_weight is None else 1e3 * float(by_weight[joint]),
+            None if by_position is None else 1e3 * float(by_position[joint]),
+            orders,
+        )
+
+
+def calibration_report(calibrated: "CalibratedRobot", places: Sequence[str]) -> CalibrationReport:
     """The report of a calibration, whose rows were read from ``places``."""
     found = calibrated.estimate
     deviations = np.sqrt(np.diag(found.covariance)).tolist()
@@ -138,7 +242,10 @@ def calibration_report(
         places,
         parameters,
         *_following(calibrated, places),
-        notes,
+        tuple(findings(calibrated)),
+        tuple(warnings(calibrated)),
+        calibrated.candidates,
+        tuple(joint_corrections(calibrated)),
     )
 
 

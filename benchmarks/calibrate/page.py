@@ -15,6 +15,7 @@ from benchmarks.calibrate.run import Job, Outcome, Settings
 from benchmarks.conditions import machine
 from benchmarks.markdown import markdown_table
 
+_BOUND = "within annik's 95 % bound [%]"
 #: Rows of the short table.
 _SHORT = 100
 Outcomes = Mapping[Job, Outcome]
@@ -41,7 +42,7 @@ def page(sets: Sequence[MeasuredSet], settings: Settings, outcomes: Outcomes) ->
         f"{methods[0].upper()}{methods[1:]}. {machine()}",
     ]
     if poses:
-        header = ("poses, position error [mm]", "rows", *settings.methods, "within the bound [%]")
+        header = ("poses, position error [mm]", "rows", *settings.methods, _BOUND)
         rows = [
             (one.name, str(size), *_cells(mine, settings, sockets=False), _within(mine))
             for one in poses
@@ -49,9 +50,10 @@ def page(sets: Sequence[MeasuredSet], settings: Settings, outcomes: Outcomes) ->
         ]
         lines += ["", markdown_table(header, rows, len(header) - 1)]
     if sockets:
-        header = ("sockets, distance of the ball from its mean [mm]", "rows", *settings.methods)
+        what = "sockets, distance of the ball from its mean [mm]"
+        header = (what, "rows", *settings.methods, _BOUND)
         rows = [
-            (one.name, str(size), *_cells(mine, settings, sockets=True))
+            (one.name, str(size), *_cells(mine, settings, sockets=True), _within(mine))
             for one in sockets
             for size, mine in _by_size(one, outcomes)
         ]
@@ -122,13 +124,13 @@ def _mean(outcomes: Outcomes, method: str) -> float:
 
 
 def _within(outcomes: Outcomes) -> str:
-    """Positions and orientations."""
+    """Positions and orientations within annik's bound."""
     parts = []
     for index in range(2):
         found = [
             outcome.within[index]
-            for outcome in outcomes.values()
-            if outcome.within[index] is not None
+            for job, outcome in outcomes.items()
+            if job.method == "annik" and outcome.within[index] is not None
         ]
         if found:
             parts.append(f"{100.0 * float(np.mean(np.array(found, dtype=float))):.0f}")

@@ -160,8 +160,13 @@ def _of_sockets(prediction: Prediction, held_out: Rows) -> dict[str, Any]:
     away = np.concatenate(
         [np.linalg.norm(ball - mean, axis=1) for ball, mean in zip(balls, means, strict=True)]
     )
+    within = None
+    if prediction.bounds is not None:
+        bounds = prediction.bounds[np.argsort(held_out.sockets, kind="stable"), 0]
+        within = float((away <= bounds).mean())
     return {
         "mean": float(away.mean()),
         "worst": float(away.max()),
         "angle": abs(float(np.linalg.norm(means[0] - means[1])) - SOCKET_DISTANCE),
+        "within": (within, None),
     }

@@ -300,7 +300,7 @@ class TestRefusals:
     def test_too_few_without_the_outliers(self, monkeypatch: pytest.MonkeyPatch) -> None:
         outliers = np.arange(12) >= 8
         module = "annik_training.calibration.calibrate"
-        monkeypatch.setattr(f"{module}.find_outliers", lambda *_: outliers)
+        monkeypatch.setattr(f"{module}.find_outliers", lambda *_: (outliers, None))
         with pytest.raises(TooFewMeasurements) as caught:
             calibrate(UR5E, measured_ur5e(TRUTH, 12), QUICK)
         assert (caught.value.examples, caught.value.least) == (8, 9)

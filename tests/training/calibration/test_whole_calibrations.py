@@ -1,0 +1,162 @@
+"""Whole calibrations in unknown frames, and with a ball in sockets. ROS-free.
+
+Whatever is wrong with the measurements: they are refused, or the calibrated robot is not ten times
+further from the true one than its bound says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.imperfect_ur5e import NOISE, ImperfectUr5e, noisy, poses_of, touching
+
+from annik_core.errors import AnnikError
+from annik_core.robots.library import load_robot
+from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
+from annik_training.calibration.errors import OtherDistance
+from annik_training.calibration.measurements import KnownDistance, Measurements
+from annik_training.calibration.model import Part
+
+UR5E = load_robot("ur5e")
+#: Without errors of the gears, so that the simplest model explains it.
+TRUTH = replace(ImperfectUr5e.drawn(1), amplitudes=np.zeros(6))
+QUICK = CalibrationOptions(candidates=(frozenset({Part.GEOMETRY}),))
+#: Of the instrument and of the tool: metres, decimetres and half turns away.
+BASE, TOOL = np.eye(4), np.eye(4)
+BASE[:3, :3], BASE[:3, 3] = Rotation.from_rotvec([0.0, np.pi, 0.1]).as_matrix(), [4.0, -7.0, 2.0]
+TOOL[:3, :3], TOOL[:3, 3] = Rotation.from_rotvec([0.0, np.pi / 2, 0.0]).as_matrix(), [0.1, 0, 0.2]
+#: Two sockets, 50 mm apart, at each of three places.
+PLACES = np.array([[0.4, 0.1, 0.2], [-0.3, 0.4, 0.3], [0.1, -0.5, 0.4]])
+POINTS = np.repeat(PLACES, 2, axis=0) + np.tile([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]], (3, 1))
+ELSEWHERE = UR5E.joint_box.sample(300, np.random.default_rng(5))
+
+
+def in_frames(base: np.ndarray = BASE, tool: np.ndarray = TOOL, **known: bool) -> Measurements:
+    """40 poses of a tool by an instrument somewhere."""
+    joint_positions = UR5E.joint_box.sample(40, np.random.default_rng(3))
+    seen = noisy(
+        poses_of(base @ TRUTH.matrices(joint_positions) @ tool), NOISE, np.random.default_rng(0)
+    )
+    turns = Rotation.from_quat(seen[:, 3:]).as_matrix()
+    return Measurements(joint_positions, seen[:, :3], turns, **known)
+
+
+@lru_cache
+def touching_rows() -> np.ndarray:
+    """25 rows at each point."""
+    parts = [touching(TRUTH, TOOL[:3, 3], point, 25, seed) for seed, point in enumerate(POINTS)]
+    return np.concatenate(parts)
+
+
+def in_sockets(distance: float | None = 0.05, unit: float = 1.0) -> Measurements:
+    """25 rows with the tool point in each socket, but for tens of micrometres."""
+    rows = touching_rows() + np.random.default_rng(2).normal(0.0, 3e-5, (150, 6))
+    pairs = ((0, 1), (2, 3), (4, 5))
+    distances = [KnownDistance(*pair, distance) for pair in pairs] if distance else []
+    numbers = np.repeat(np.arange(6), 25)
+    return Measurements(unit * rows, fixed_points=numbers, distances=distances)
+
+
+def errors_over_bounds(
+    found: CalibratedRobot, base: np.ndarray = BASE, tool: np.ndarray = TOOL
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the tool's position elsewhere, of sockets after the best motion, and bounds."""
+    model = found.robot.forward_kinematics.poses(ELSEWHERE)
+    turns = Rotation.from_quat(model[:, 3:])
+    where = model[:, :3] + turns.apply(found.frames.tool[:3, 3])
+    truth = (TRUTH.matrices(ELSEWHERE) @ tool)[:, :3, 3]
+    if found.estimate.observations.fixed_points is None:
+        where = where @ found.frames.base[:3, :3].T + found.frames.base[:3, 3]
+        truth = truth @ base[:3, :3].T + base[:3, 3]
+    else:
+        centres = where.mean(axis=0), truth.mean(axis=0)
+        turn = Rotation.align_vectors(truth - centres[1], where - centres[0])[0]
+        where = turn.apply(where - centres[0]) + centres[1]
+    assert found.robot.error_bound is not None
+    return np.linalg.norm(where - truth, axis=1), found.robot.error_bound.of_rows(ELSEWHERE)[:, 0]
+
+
+@pytest.mark.parametrize("has_rotations", [True, False])
+def test_in_frames_that_are_unknown(has_rotations: bool) -> None:
+    measurements = in_frames()
+    if not has_rotations:
+        measurements = replace(measurements, rotations=None)
+    errors, bounds = errors_over_bounds(calibrate(UR5E, measurements, QUICK))
+    assert errors.mean() < 5e-5
+    assert (errors <= bounds).mean() > 0.9
+    assert bounds.mean() < 10.0 * errors.mean()
+
+
+@pytest.fixture(scope="module")
+def socketed() -> CalibratedRobot:
+    return calibrate(UR5E, in_sockets(), QUICK)
+
+
+def test_with_a_ball_in_sockets(socketed: CalibratedRobot) -> None:
+    errors, bounds = errors_over_bounds(socketed)
+    assert errors.mean() < 1e-4
+    assert (errors <= bounds).mean() > 0.9
+    assert bounds.mean() < 10.0 * errors.mean()
+    for one in socketed.distances:
+        assert one.found == pytest.approx(0.05, abs=4.0 * one.deviation)
+        assert not one.is_doubtful
+
+
+@pytest.mark.parametrize("distance", [50.0, 0.5, 5e-5, 0.04])
+def test_another_distance_of_the_sockets_is_refused(distance: float) -> None:
+    """In another unit, or of another base."""
+    with pytest.raises(OtherDistance) as caught:
+        calibrate(UR5E, in_sockets(distance), QUICK)
+    assert caught.value.known == distance
+    assert caught.value.found == pytest.approx(0.05, abs=2e-3)
+
+
+def test_a_distance_that_is_a_little_wrong_is_doubtful() -> None:
+    found = calibrate(UR5E, in_sockets(0.048), QUICK)
+    assert all(one.is_doubtful for one in found.distances)
+
+
+def shifted(measurements: Measurements) -> Measurements:
+    """A tracker that was moved for the last rows."""
+    assert measurements.positions is not None
+    positions = measurements.positions.copy()
+    positions[30:] += [0.0, 0.005, 0.0]
+    return replace(measurements, positions=positions)
+
+
+def shuffled(measurements: Measurements) -> Measurements:
+    order = np.random.default_rng(0).permutation(len(measurements))
+    return replace(measurements, joint_positions=measurements.joint_positions[order])
+
+
+@pytest.mark.parametrize(
+    "measurements",
+    [
+        lambda: in_frames(tool_known=True),
+        lambda: in_frames(np.eye(4), frame_known=True, tool_known=True),
+        lambda: in_frames(frame_known=True),
+        lambda: shifted(in_frames()),
+        lambda: shuffled(in_frames()),
+        lambda: replace(in_frames(), positions=1e3 * in_frames().positions),
+        lambda: replace(in_frames(), rotations=in_frames().rotations.swapaxes(1, 2)),
+        lambda: replace(in_frames(), joint_positions=-in_frames().joint_positions),
+        lambda: shuffled(in_sockets()),
+        lambda: in_sockets(None),
+        lambda: in_sockets(unit=-1.0),
+        lambda: in_sockets(unit=1.02),
+    ],
+)
+def test_what_is_wrong_is_refused_or_within_ten_bounds(
+    measurements: Callable[[], Measurements],
+) -> None:
+    try:
+        found = calibrate(UR5E, measurements(), QUICK)
+    except AnnikError:
+        return
+    errors, bounds = errors_over_bounds(found)
+    assert (errors <= 10.0 * bounds).all()
