@@ -104,7 +104,7 @@ class LinearFit:
         squares = ((derivatives @ self.covariance) * derivatives).sum(axis=2)
         kinds = squares.reshape(len(columns), -1, 3).mean(axis=2)
         kinds += self.noise[: kinds.shape[1]] ** 2
-        return np.sqrt(np.repeat(kinds, 3, axis=1))
+        return np.asarray(np.sqrt(np.repeat(kinds, 3, axis=1)), dtype=np.float64)
 
     def noise_found(self, least: FloatArray) -> FloatArray:
         """Noise ``(2,)`` by the residuals and their degrees of freedom, at least ``(2,)``."""
