@@ -6,11 +6,13 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
-from importlib.metadata import requires
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, metadata, requires
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from packaging.specifiers import SpecifierSet
 from support.processes import ROOT
 from support.source_tree import IMPORT_PACKAGES
 
@@ -94,3 +96,16 @@ def test_package_xml_depends_on_nothing_that_is_not_used(libraries: dict[str, Pa
     keys = {element.text for element in package.findall("exec_depend")}
     used = {ROSDEP_KEYS.get(library, library) for library in libraries}
     assert keys - used == {"ros2launch", "tf2_msgs", "tf2_ros_py"}
+
+
+def test_pinned_versions_are_for_every_python() -> None:
+    """Of what is installed: a pin without a condition on Python holds for 3.10 too."""
+    pins = re.findall(r"^([\w.-]+)==\S+$", (ROOT / "constraints.txt").read_text(), flags=re.M)
+    wrong = {}
+    for name in pins:
+        with suppress(PackageNotFoundError):
+            allowed = metadata(name)["Requires-Python"] or ""
+            if not SpecifierSet(allowed).contains("3.10.0"):
+                wrong[name] = allowed
+    assert len(pins) > 100
+    assert wrong == {}
