@@ -107,7 +107,7 @@ def _suits(poses: FloatArray, solver: IkSolver) -> bool:
     """Whether every pose is solved, from the start on and without jumps."""
     before = start_positions(solver.robot)
     for pose in poses:
-        found = solver.solve(pose).joint_positions
+        found = solver.solve(pose, before).joint_positions
         if found is None or largest_step_beyond(_LARGEST_STEP, solver.robot, found, before):
             return False
         before = found
