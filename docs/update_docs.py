@@ -316,7 +316,7 @@ PARTS: Mapping[Path, Mapping[str, Callable[[], str]]] = {
         "limits": limits,
         **{f"{node} parameters": parameters(node) for node in PARAMETER_TABLES},
     },
-    DOCS / "architecture.md": {"kernel size": kernel_size},
+    DOCS / "architecture.md": {"kernel size": kernel_size, "sanitizers": result("sanitizers")},
     DOCS / "training.md": {"designs": designs, "phases": phases},
     DOCS / "arms.md": {
         "arms": result("arms"),
