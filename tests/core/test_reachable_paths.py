@@ -87,7 +87,7 @@ class Refuses:
     radius: float
     first: np.ndarray | None = None
 
-    def solve(self, pose: np.ndarray) -> IkResult:
+    def solve(self, pose: np.ndarray, previous: np.ndarray) -> IkResult:
         if self.first is None:
             self.first = pose
         if np.linalg.norm(pose[:3] - self.first[:3]) <= self.radius:
