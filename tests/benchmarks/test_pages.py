@@ -40,8 +40,7 @@ def test_data_of_the_documentation_are_read_back_whole(name: str) -> None:
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_the_page_of_the_documentation_is_that_of_its_data(name: str, tmp_path: Path) -> None:
     command: Command = BENCHMARKS[name][0]
-    (tmp_path / "results").mkdir()
-    shutil.copy(DOCS / "results" / f"{name}.json", tmp_path / "results")
+    shutil.copytree(DOCS / "results", tmp_path / "results", ignore=shutil.ignore_patterns("*.md"))
     ran = CliRunner().invoke(command, ["--page-only", "--docs", str(tmp_path)])
     assert ran.exit_code == 0, ran.output
     page = (tmp_path / "results" / f"{name}.md").read_text(encoding="utf-8")

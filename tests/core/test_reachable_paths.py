@@ -111,4 +111,4 @@ def test_a_path_is_as_large_as_the_robot_can_follow() -> None:
     assert np.linalg.norm(line[-1, :3] - line[0, :3]) == pytest.approx(0.05)
     circle = reachable_path(TargetPath(path=PathKind.CIRCLE, points=40), solver)
     assert np.ptp(circle[:, 0]) == pytest.approx(0.05)
-    assert all(solver.solve(target).accepted for target in circle)
+    assert all(solver.solve(target, circle[0]).accepted for target in circle)
