@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -40,9 +41,10 @@ class ForkedNode:
         )
         self._process.start()
         self.pid = self._process.pid
-        # To be signalled it needs its group.
-        while self.poll() is None and os.getpgid(self.pid) != self.pid:
-            time.sleep(1e-3)
+        # To be signalled it needs its group. It may have ended already.
+        with suppress(ProcessLookupError):
+            while self.poll() is None and os.getpgid(self.pid) != self.pid:
+                time.sleep(1e-3)
 
     def poll(self) -> int | None:
         """The exit code, or None while it runs."""
