@@ -130,6 +130,20 @@ class Observations:
         numbers, block = np.unique(blocks, return_inverse=True)
         return (np.random.default_rng(0).permutation(len(numbers)) % _FOLDS)[block]
 
+    def elsewhere(
+        self, joint_positions: FloatArray, fixed_points: NDArray[np.int64] | None
+    ) -> "Observations":
+        """Examples ``(n, dof)`` that were not measured: what is measured of them is arbitrary."""
+        count = len(joint_positions)
+        return replace(
+            self,
+            joint_positions=joint_positions,
+            positions=np.zeros((count, 3)),
+            rotations=np.tile(np.eye(3), (count, 1, 1)),
+            weights=np.ones(count),
+            fixed_points=fixed_points,
+        )
+
     def weighted(self, weights: FloatArray) -> "Observations":
         """The same examples with other weights ``(n,)``."""
         return replace(self, weights=weights)

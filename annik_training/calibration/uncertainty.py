@@ -181,14 +181,8 @@ def error_bound_of(
 def _motions(fitted: Estimate, joint_positions: FloatArray) -> FloatArray:
     """Motions ``(n, 6, p + u)`` of the tool [m], [rad] by independent standard normals."""
     count = len(joint_positions)
-    observations = replace(
-        fitted.observations,
-        joint_positions=joint_positions,
-        positions=np.zeros((count, 3)),
-        rotations=np.tile(np.eye(3), (count, 1, 1)),
-        has_orientation=True,
-        fixed_points=None,
-    )
+    observations = fitted.observations.elsewhere(joint_positions, None)
+    observations = replace(observations, has_orientation=True)
     evaluated = fitted.model.evaluate(fitted.model_parameters, joint_positions)
     columns = observations.derivatives(evaluated, Noise(1.0, 1.0), fitted.unknowns)
     motions: FloatArray = columns @ fitted.root[: columns.shape[2]]

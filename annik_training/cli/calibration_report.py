@@ -269,17 +269,9 @@ def _following(
         numbers = np.arange(_CANDIDATES) % (points.max() + 1)
         candidates, there = _at_points(calibrated, candidates, numbers)
         candidates, points = candidates[there], numbers[there]
-    count = len(candidates)
-    measured = replace(
-        found.observations,
-        joint_positions=candidates,
-        positions=np.zeros((count, 3)),
-        rotations=np.tile(np.eye(3), (count, 1, 1)),
-        weights=np.ones(count),
-        fixed_points=points,
-    )
+    measured = found.observations.elsewhere(candidates, points)
     rows = derivatives_of(found.model, found.parameters, measured, found.noise)
-    chosen = most_informative(rows, min(_FOLLOWING, count), found.covariance)
+    chosen = most_informative(rows, min(_FOLLOWING, len(candidates)), found.covariance)
     if points is None:
         return candidates[chosen], []
     whole = Observations.of(calibrated.measured).fixed_points
