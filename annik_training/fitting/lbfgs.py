@@ -6,6 +6,7 @@ tanh layers are carried forward with its activations, so one evaluation with d d
 much as 1 + d evaluations without.
 """
 
+import inspect
 import math
 
 import torch
@@ -26,7 +27,7 @@ def minimise_all_weights(
     Each evaluates error and gradient. If they end within a line search, the best weights so far
     are used.
     """
-    optimiser = torch.optim.LBFGS(
+    optimiser = _Lbfgs(
         network.parameters(),
         max_iter=max_evaluations,
         max_eval=max_evaluations,
@@ -45,7 +46,7 @@ def minimise_all_weights(
             # The optimiser itself counts only after a line search.
             raise _EvaluationsUsedUp
         evaluations += 1
-        optimiser.zero_grad()
+        network.zero_grad()
         value = _error(network, examples, sobolev_weight)
         value.backward()  # type: ignore[no-untyped-call]
         if value.item() < least:
@@ -63,6 +64,11 @@ def minimise_all_weights(
             for weights, found in zip(network.parameters(), best, strict=True):
                 weights.copy_(found)
     return evaluations
+
+
+class _Lbfgs(torch.optim.LBFGS):
+    # As it is decorated, it loads torch's compiler, which takes longer than many a fit.
+    add_param_group = inspect.unwrap(torch.optim.Optimizer.add_param_group)
 
 
 class _EvaluationsUsedUp(Exception):

@@ -26,14 +26,13 @@ References:
     [Czarnecki2017] W. Czarnecki et al.: Sobolev training for neural networks. NeurIPS 2017.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.func import functional_call, jacrev, jvp, vmap
+from torch.nn.functional import linear
 
 from annik_core.pose import FloatArray
 from annik_training.fitting.levenberg_marquardt import levenberg_marquardt
@@ -99,17 +98,18 @@ class SeparableProblem:
     ) -> None:
         self.ridge = ridge
         self._hidden = hidden
-        self._shapes = {name: value.shape for name, value in hidden.named_parameters()}
+        self._shapes = [parameter.shape for parameter in hidden.parameters()]
         self._decay_hidden = decay_hidden
         self._linear_path = linear_path
         self._inputs = examples.inputs
-        self._directions: Tensor | None = None
+        #: ``(n, 1 + d, m)``: the inputs, then their derivatives.
+        self._input_rows = examples.inputs.unsqueeze(1)
         rows, targets = _linear_rows(examples.inputs, linear_path, 1.0), examples.targets
         directions, derivatives = examples.directions, examples.derivatives
         if sobolev_weight > 0 and directions is not None and derivatives is not None:
             scale = float(np.sqrt(sobolev_weight))
-            self._directions = scale * directions
-            more = _linear_rows(self._directions.flatten(end_dim=1), linear_path, 0.0)
+            self._input_rows = torch.cat([self._input_rows, scale * directions], dim=1)
+            more = _linear_rows(scale * directions.flatten(end_dim=1), linear_path, 0.0)
             rows = torch.cat([rows, more])
             targets = torch.cat([targets, scale * derivatives.flatten(end_dim=1)])
         self._linear_rows = rows
@@ -162,20 +162,27 @@ class SeparableProblem:
         return np.concatenate([jacobian, self.ridge * np.eye(len(weights))])
 
     def activations_jacobian(self, weights: FloatArray, output: Tensor) -> Tensor:
-        """Derivatives ``(rows, k, p)`` of S W^T with W^T ``(h, k)`` held, less what Z explains."""
+        """Derivatives ``(rows, k, p)`` of S W^T with W^T ``(h, k)`` held, less what Z explains.
 
-        def outputs_of(named: Mapping[str, Tensor], *example: Tensor) -> Tensor:
-            return self._rows_of_one(named, *example) @ output
-
-        examples = [self._inputs] + ([] if self._directions is None else [self._directions])
-        derivatives = vmap(jacrev(outputs_of), in_dims=(None, *(0 for _ in examples)))(
-            self._named(weights), *examples
-        )
-        # (n, 1 + d, k, p): the value of each example, then its derivatives.
-        flat = torch.cat([derivatives[name].flatten(start_dim=3) for name in self._shapes], dim=3)
-        stacked = torch.cat([flat[:, 0], flat[:, 1:].flatten(end_dim=1)])
-        rows, outputs, count = stacked.shape
-        return self._unexplained(stacked.reshape(rows, -1)).reshape(rows, outputs, count)
+        Those of the values are found backwards, from the last layer to the first. Those of the
+        derivatives are their derivatives along the directions.
+        """
+        rows = self._layer_rows(weights)
+        # (n, 1 + d, k, h): derivatives of the outputs by the activations of a layer.
+        by_activations = output.new_zeros(1, self._input_rows.shape[1], *output.T.shape)
+        by_activations[:, 0] = output.T
+        found: list[Tensor] = []
+        for weight, before, after in reversed(
+            list(zip(self._parts(weights)[::2], rows, rows[1:], strict=False))
+        ):
+            value, along = after[:, :1], after[:, 1:]
+            slopes = torch.cat([1.0 - value**2, -2.0 * value * along], dim=1)
+            by_bias = _product(by_activations, slopes.unsqueeze(2))
+            by_weight = _product(by_bias.unsqueeze(4), before[:, :, None, None])
+            found = [by_weight.flatten(start_dim=3), by_bias, *found]
+            by_activations = by_bias @ weight
+        stacked = _stacked(torch.cat(found, dim=3))
+        return self._unexplained(stacked.flatten(start_dim=1)).reshape(stacked.shape)
 
     def activations(self, weights: FloatArray) -> Tensor:
         """S ``(rows, h)``, less what Z explains."""
@@ -207,26 +214,27 @@ class SeparableProblem:
     def assign(self, weights: FloatArray) -> None:
         """Copy these weights to the hidden layers."""
         with torch.no_grad():
-            named = self._named(weights)
-            for name, parameter in self._hidden.named_parameters():
-                parameter.copy_(named[name])
+            for parameter, part in zip(
+                self._hidden.parameters(), self._parts(weights), strict=True
+            ):
+                parameter.copy_(part)
 
     def _left_over(self, weights: FloatArray) -> Tensor:
         """E ``(rows + h, k)``."""
-        orthonormal = torch.linalg.qr(self._stacked(weights)).Q
+        orthonormal = torch.linalg.qr(self._with_ridge(weights)).Q
         explained = orthonormal @ (orthonormal.T @ self._stacked_targets)
         left_over: Tensor = self._stacked_targets - explained
         return left_over
 
     def _solution(self, weights: FloatArray) -> tuple[Tensor, Tensor]:
         """Q of A and the output weights W^T."""
-        orthonormal, triangular = torch.linalg.qr(self._stacked(weights))
+        orthonormal, triangular = torch.linalg.qr(self._with_ridge(weights))
         output = torch.linalg.solve_triangular(
             triangular, orthonormal.T @ self._stacked_targets, upper=True
         )
         return orthonormal, output
 
-    def _stacked(self, weights: FloatArray) -> Tensor:
+    def _with_ridge(self, weights: FloatArray) -> Tensor:
         ridge_rows = self.ridge * torch.eye(self._units, dtype=torch.float64)
         return torch.cat([self.activations(weights), ridge_rows])
 
@@ -234,38 +242,37 @@ class SeparableProblem:
         unexplained: Tensor = rows - self._explained @ (self._explained.T @ rows)
         return unexplained
 
-    def _named(self, weights: FloatArray) -> dict[str, Tensor]:
-        sizes = [shape.numel() for shape in self._shapes.values()]
+    def _parts(self, weights: FloatArray) -> list[Tensor]:
+        """Weight ``(units, inputs)`` and bias ``(units,)`` of each hidden layer in turn."""
+        sizes = [shape.numel() for shape in self._shapes]
         # Copied to torch's aligned memory: products of unaligned arrays round differently.
         parts = torch.split(torch.from_numpy(weights).clone(), sizes)
-        return {
-            name: part.reshape(shape)
-            for (name, shape), part in zip(self._shapes.items(), parts, strict=True)
-        }
+        return [part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)]
+
+    def _layer_rows(self, weights: FloatArray) -> list[Tensor]:
+        """Inputs and each layer's activations ``(n, 1 + d, units)``: value, then derivatives."""
+        rows = [self._input_rows]
+        parts = self._parts(weights)
+        for weight, bias in zip(parts[::2], parts[1::2], strict=True):
+            value = torch.tanh(linear(rows[-1][:, 0], weight, bias)).unsqueeze(1)
+            along = (1.0 - value**2) * (rows[-1][:, 1:] @ weight.T)
+            rows.append(torch.cat([value, along], dim=1))
+        return rows
 
     def _all_rows(self, weights: FloatArray) -> Tensor:
         """S ``(rows, h)``."""
-        named = self._named(weights)
-        if self._directions is None:
-            activations: Tensor = functional_call(self._hidden, named, (self._inputs,))
-            return activations
-        each = vmap(self._rows_of_one, in_dims=(None, 0, 0))(named, self._inputs, self._directions)
-        return torch.cat([each[:, 0], each[:, 1:].flatten(end_dim=1)])
+        return _stacked(self._layer_rows(weights)[-1])
 
-    def _rows_of_one(
-        self, named: Mapping[str, Tensor], inputs: Tensor, directions: Tensor | None = None
-    ) -> Tensor:
-        """Rows of S ``(1 + d, h)`` of one example ``(m,)``."""
 
-        def phi(values: Tensor) -> Tensor:
-            activations: Tensor = functional_call(self._hidden, dict(named), (values,))
-            return activations
+def _stacked(rows: Tensor) -> Tensor:
+    """Values of all examples, then their derivatives: ``(n, 1 + d, ...)`` to ``(rows, ...)``."""
+    return torch.cat([rows[:, 0], rows[:, 1:].flatten(end_dim=1)])
 
-        if directions is None:
-            return phi(inputs).unsqueeze(0)
-        value = phi(inputs).unsqueeze(0)
-        derivatives = vmap(lambda direction: jvp(phi, (inputs,), (direction,))[1])(directions)
-        return torch.cat([value, derivatives])
+
+def _product(left: Tensor, right: Tensor) -> Tensor:
+    """Value and derivatives ``(n, 1 + d, ...)`` of a product of factors given likewise."""
+    value = left[:, :1] * right[:, :1]
+    return torch.cat([value, left[:, 1:] * right[:, :1] + left[:, :1] * right[:, 1:]], dim=1)
 
 
 def _linear_rows(inputs: Tensor, linear_path: bool, constant: float) -> Tensor:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
+from support.processes import run_python
 
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import Robot
@@ -384,3 +385,22 @@ class TestBayesianRegularisation:
         error, decay = self.fit_with_noise(gantry, 0.0, seed=0, bayesian=True)
         assert decay < 1e-3
         assert error < 1e-4
+
+
+@pytest.mark.process
+def test_a_fit_does_not_load_the_compiler_of_torch() -> None:
+    """Which takes longer than many a fit."""
+    script = (
+        "import sys\n"
+        "from annik_core import load_robot\n"
+        "from annik_training import generate_dataset\n"
+        "from annik_training.fitting.fit import fit\n"
+        "from annik_training.fitting.options import FitOptions\n"
+        "dataset = generate_dataset(load_robot('gantry'), 'sobol', 20)\n"
+        "for optimiser in ('levenberg_marquardt', 'lbfgs'):\n"
+        "    options = {'optimiser': optimiser, 'sobolev_weight': 1.0, 'max_evaluations': 3}\n"
+        "    fit(dataset, FitOptions(hidden_units=(3,), restarts=1, **options))\n"
+        "print({'torch._dynamo', 'sympy'} & set(sys.modules))\n"
+    )
+    result = run_python("-c", script)
+    assert result.stdout == "set()\n", result.stderr

@@ -186,6 +186,44 @@ def test_the_jacobian_is_kaufmans(units: tuple[int, ...], options: dict[str, flo
 
 @UNITS
 @OPTIONS
+def test_the_derivatives_by_the_hidden_weights_are_those_of_torch(
+    units: tuple[int, ...], options: dict[str, float]
+) -> None:
+    """Of the activations, and of their derivatives along each direction."""
+    case = setting(units, **options)
+    along = np.sqrt(case.sobolev_weight) * case.examples.directions
+    shapes = {name: value.shape for name, value in case.hidden.named_parameters()}
+
+    def stacked(flat: torch.Tensor) -> torch.Tensor:
+        parts = torch.split(flat, [shape.numel() for shape in shapes.values()])
+        named = {
+            name: part.reshape(shapes[name]) for name, part in zip(shapes, parts, strict=True)
+        }
+
+        def phi(inputs: torch.Tensor) -> torch.Tensor:
+            return torch.func.functional_call(case.hidden, named, (inputs,))
+
+        values = phi(case.examples.inputs)
+        if case.sobolev_weight == 0:
+            return values
+        gradients = torch.func.vmap(torch.func.jacrev(phi))(case.examples.inputs)
+        moved = torch.einsum("nhm,ndm->ndh", gradients, along)
+        return torch.cat([values, moved.flatten(end_dim=1)])
+
+    found = torch.func.jacrev(stacked)(torch.from_numpy(case.weights)).detach().numpy()
+    output = np.random.default_rng(3).normal(size=(units[-1], OUTPUTS))
+    expected = np.einsum("nhp,hk->nkp", found, output)
+    z = np.zeros((len(expected), INPUTS + 1))
+    z[:EXAMPLES] = np.column_stack([case.examples.inputs, np.ones(EXAMPLES)])
+    z[EXAMPLES:, :INPUTS] = along.flatten(end_dim=1)[: len(z) - EXAMPLES]
+    z = z if case.linear_path else z[:, -1:]
+    expected -= np.tensordot(z @ np.linalg.pinv(z), expected, axes=1)
+    jacobian = case.problem.activations_jacobian(case.weights, torch.from_numpy(output))
+    assert jacobian.numpy() == pytest.approx(expected, rel=0, abs=1e-13)
+
+
+@UNITS
+@OPTIONS
 def test_the_linear_layers_are_the_least_squares_solution(
     units: tuple[int, ...], options: dict[str, float]
 ) -> None:
