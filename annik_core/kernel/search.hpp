@@ -29,6 +29,11 @@ class ReducedPose {
 
   std::size_t width() const { return last_turns_ ? 6 : 12; }
 
+  // Whether a target finds the position of a joint, by :meth:`align`.
+  bool finds(std::size_t joint) const {
+    return joint == 0 || (joint == last_joint_ && last_turns_);
+  }
+
   // Position and axes of the last joint's frame, scaled; without the first joint's motion.
   Features of(const Placement& target) const {
     const Placement last = last_frame(target);
@@ -126,8 +131,13 @@ class Search {
       const bool round = around_.free.size() <= 6 || high - low >= FULL_TURN;
       if (turns(joint) && round) low = -INFINITY, high = INFINITY;
     }
-    ratio_ = 2.0;
-    for (int i = 0; i < 60; ++i) ratio_ = std::pow(1.0 + ratio_, 1.0 / (within_.free.size() + 1.0));
+    std::size_t base = 1;
+    for (const std::size_t joint : within_.free) {
+      if (reduced_.finds(joint)) continue;
+      const auto divides = [&](const auto& other) { return base % other.second == 0; };
+      do ++base; while (std::any_of(spread_.begin(), spread_.end(), divides));
+      spread_.push_back({joint, base});
+    }
     std::vector<Features> points;
     for (std::size_t index = 0; index < examples; ++index) {
       const Joints example = spread(index);
@@ -219,7 +229,7 @@ class Search {
   }
 
  private:
-  static constexpr std::size_t FEW = 8, NEAREST = 256, BATCH = 8;
+  static constexpr std::size_t FEW = 8, NEAREST = 192, BATCH = 8;
   static constexpr int IDLE_BATCHES = 2, MOST_STEPS = 20, PATIENCE = 6;
   static constexpr double FAR = 1.0, LEAST_RADIUS = 2e-4, GREATEST_RADIUS = 0.05;
   static constexpr double APART = 0.8, FINE = 1e-9, FOUND = 1e-6;
@@ -425,28 +435,31 @@ class Search {
     return motion <= LONG && correction <= STEADY * motion + SMALL;
   }
 
-  // The points of a Kronecker sequence within the limits, or in the turn in their middle.
+  // The points of a Halton sequence within the limits, or in the turn in their middle, where the
+  // joints stay that a target finds by itself.
   Joints spread(std::size_t index) const {
-    Joints result = within_.lower;
-    double step = 1.0;
-    for (const std::size_t joint : within_.free) {
-      step /= ratio_;
-      double fraction = 0.5 + (index + 1.0) * step;
-      fraction -= std::floor(fraction);
-      const double low = within_.lower[joint], high = within_.upper[joint];
-      const double width = turns(joint) ? std::min(high - low, FULL_TURN) : high - low;
-      result[joint] = 0.5 * (low + high) + (fraction - 0.5) * width;
+    Joints result{};
+    for (std::size_t joint = 0; joint < within_.chain.size(); ++joint)
+      result[joint] = 0.5 * (within_.lower[joint] + within_.upper[joint]);
+    for (const auto& [joint, base] : spread_) {
+      double digits = 0.0, scale = 1.0;
+      for (std::size_t rest = index + 1; rest > 0; rest /= base) {
+        digits = digits * base + rest % base;
+        scale *= base;
+      }
+      const double width = within_.upper[joint] - within_.lower[joint];
+      result[joint] += (digits / scale - 0.5) * (turns(joint) ? std::min(width, FULL_TURN) : width);
     }
     return result;
   }
 
   Refinement within_, around_;  // with the limits; turning joints without them
-  double ratio_;
   std::size_t drawn_;  // points of the sequence that are examples
   double length_;      // that counts as much as a radian
   std::vector<Joints> examples_;
   std::vector<Placement> reached_;
   ReducedPose reduced_;
+  std::vector<std::pair<std::size_t, std::size_t>> spread_;  // joints, and a prime number each
   NearestPoints nearest_;
 };
 

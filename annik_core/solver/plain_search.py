@@ -1,5 +1,6 @@
 """The search of :mod:`annik_core.solver.search` in NumPy: the reference of the compiled one."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import NEAR, FoundSolution, FoundSolutions
 
 #: Of them, those nearest to a target; for one solution a few are tried first.
-_NEAREST, _FEW = 256, 8
+_NEAREST, _FEW = 192, 8
 #: Examples this far from all others are tried, by their largest difference between the first and
 #: the last joint [rad or m].
 _APART = 0.8
@@ -229,17 +230,33 @@ class PlainSearch:
         poses = self.kinematics.poses(examples)
         return examples, poses, reduced, cKDTree(reduced.features(poses))
 
+    @cached_property
+    def _bases(self) -> dict[int, int]:
+        """A prime number for each joint whose position a target does not find by itself."""
+        bases = dict[int, int]()
+        found = {0, len(self.turns) - 1} if self.turns[-1] else {0}
+        for joint in sorted({*self.limits.free.tolist()} - found):
+            bases[joint] = next(
+                base
+                for base in itertools.count(2)
+                if all(base % other for other in bases.values())
+            )
+        return bases
+
     def _spread(self, index: int) -> FloatArray:
-        """The points of a Kronecker sequence within the limits, or in the turn in their middle."""
-        limits, free = self.limits, self.limits.free
-        ratio = 2.0
-        for _ in range(60):
-            ratio = (1.0 + ratio) ** (1.0 / (len(free) + 1.0))
-        result = limits.lower.copy()
-        fractions = 0.5 + (index + 1.0) * ratio ** -np.arange(1.0, len(free) + 1.0)
-        width = (limits.upper - limits.lower)[free]
-        width = np.where(self.turns[free], np.minimum(width, FULL_TURN), width)
-        result[free] = limits.centre[free] + (fractions - np.floor(fractions) - 0.5) * width
+        """The points of a Halton sequence within the limits, or in the turn in their middle.
+
+        Joints that a target finds by itself stay there.
+        """
+        result = self.limits.centre.copy()
+        for joint, base in self._bases.items():
+            digits, scale, rest = 0, 1, index + 1
+            while rest:
+                rest, digit = divmod(rest, base)
+                digits, scale = digits * base + digit, scale * base
+            width = self.limits.upper[joint] - self.limits.lower[joint]
+            width = min(width, FULL_TURN) if self.turns[joint] else width
+            result[joint] += (digits / scale - 0.5) * width
         return result
 
     def _starts(
