@@ -190,8 +190,11 @@ class Observations:
         turn, tool = frames.base[:3, :3], frames.tool
         positions, rotations, columns = evaluated
         levers = rotations @ tool[:3, 3]
-        linear = columns[:, :3] + np.cross(columns[:, 3:], levers[..., None], axis=1)
-        blocks = [np.concatenate([turn @ linear, turn @ columns[:, 3:]], axis=1)]
+        # Motions of the end effector to those of the tool, in the frame of the instrument.
+        to_tool = np.zeros((len(positions), 6, 6))
+        to_tool[:, :3, :3] = to_tool[:, 3:, 3:] = turn
+        to_tool[:, :3, 3:] = turn @ np.cross(np.eye(3), levers[:, :, None], axis=1)
+        blocks = [to_tool @ columns]
         count, axes = len(positions), turn @ rotations @ tool[:3, :3]
         if frames.base_unknown:
             arms = (positions + levers) @ turn.T + frames.base[:3, 3] - frames.centre

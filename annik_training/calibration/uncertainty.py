@@ -29,6 +29,8 @@ _CHECKED_POSES = 300
 _SIGNIFICANT = 2.0
 _POSES = 2000
 _DRAWS = 400
+#: The poses are evaluated in this many parts, so that their derivatives stay in the cache.
+_PARTS = 40
 CONFIDENCE = 0.95
 #: More than the confidence, since sizes and noise of the fit know the example that is left out.
 _MARGIN = 0.015
@@ -153,8 +155,8 @@ def error_bound_of(
             measured_at[rng.integers(len(measured_at), size=_POSES)],
         ]
     )
-    draws = _motions(fitted, joint_positions) @ rng.normal(size=(len(fitted.parameters), _DRAWS))
-    draws *= max(1.0, _calibration(fitted))
+    steps = fitted.root @ rng.normal(size=(len(fitted.parameters), _DRAWS))
+    draws = _motions(fitted, joint_positions, max(1.0, _calibration(fitted)) * steps)
     centre, half = fitted.model.scale
     features = quadratic_features(np.clip((joint_positions - centre) / half, -1.0, 1.0))
     coefficients = []
@@ -178,19 +180,23 @@ def error_bound_of(
     return bound
 
 
-def _motions(fitted: Estimate, joint_positions: FloatArray) -> FloatArray:
-    """Motions ``(n, 6, p + u)`` of the tool [m], [rad] by independent standard normals."""
-    count = len(joint_positions)
-    observations = fitted.observations.elsewhere(joint_positions, None)
-    observations = replace(observations, has_orientation=True)
-    evaluated = fitted.model.evaluate(fitted.model_parameters, joint_positions)
-    columns = observations.derivatives(evaluated, Noise(1.0, 1.0), fitted.unknowns)
-    motions: FloatArray = columns @ fitted.root[: columns.shape[2]]
+def _motions(fitted: Estimate, joint_positions: FloatArray, steps: FloatArray) -> FloatArray:
+    """Motions ``(n, 6, m)`` of the tool [m], [rad] by steps ``(p + u, m)`` of the parameters."""
+    model, parameters = fitted.model, fitted.model_parameters
+    parts = []
+    for some in np.array_split(joint_positions, _PARTS):
+        observations = replace(fitted.observations.elsewhere(some, None), has_orientation=True)
+        evaluated = model.evaluate(parameters, some)
+        columns = observations.derivatives(evaluated, Noise(1.0, 1.0), fitted.unknowns)
+        used = columns.shape[2]
+        parts.append((columns.reshape(-1, used) @ steps[:used]).reshape(len(some), 6, -1))
+    motions = np.concatenate(parts)
     if fitted.observations.fixed_points is None:
         return motions
     tool = fitted.observations.frames.moved(fitted.unknowns).tool[:3, 3]
-    points = evaluated.positions + evaluated.rotations @ tool
-    base = np.zeros((count, 6, 6))
+    positions, rotations = model.positions_and_rotations(parameters, joint_positions)
+    points = positions + rotations @ tool
+    base = np.zeros((len(points), 6, 6))
     base[:, range(6), range(6)] = 1.0
     base[:, :3, 3:] = -np.cross(points[:, None, :], np.eye(3)).swapaxes(1, 2)
     away = motions[:, :3].reshape(-1, motions.shape[2])
