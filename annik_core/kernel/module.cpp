@@ -450,6 +450,97 @@ class PyRefinement : public Object {
   Refinement refinement_;
 };
 
+Array read_only(const double* numbers, py::ssize_t count) {
+  Array array(count);
+  std::copy_n(numbers, count, array.mutable_data());
+  py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return array;
+}
+
+class PySearch : public Object {
+ public:
+  PySearch(const PyRefinement& refinement, std::size_t examples, double length)
+      : dof_(static_cast<py::ssize_t>(refinement.refinement().chain.size())),
+        search_(checked(refinement.refinement(), examples, length), examples, length) {}
+
+  py::tuple first(const Array& target, const Array& starts, std::size_t most) const {
+    constructed(dof_);
+    check_shape(target, {7}, "target");
+    return tuple_of(search_.first(placement_of(target.data()), rows(starts), most));
+  }
+
+  py::tuple all(const Array& target, const Array& starts, std::size_t most, double spacing) const {
+    constructed(dof_);
+    check_shape(target, {7}, "target");
+    const std::vector<Joints> begin = rows(starts);
+    const Placement goal = placement_of(target.data());
+    std::size_t taken = 0;
+    std::vector<Solution> found;
+    {
+      py::gil_scoped_release release;
+      found = search_.all(goal, begin, most, spacing, taken);
+    }
+    const auto count = static_cast<py::ssize_t>(found.size());
+    Array positions({count, dof_}), distances(count), angles(count);
+    for (py::ssize_t i = 0; i < count; ++i) {
+      std::copy_n(found[i].joint_positions.begin(), dof_, positions.mutable_data() + i * dof_);
+      distances.mutable_data()[i] = found[i].position_residual;
+      angles.mutable_data()[i] = found[i].orientation_residual;
+    }
+    return py::make_tuple(positions, distances, angles, taken);
+  }
+
+  py::tuple follow(const Array& previous, const Array& target) const {
+    constructed(dof_);
+    check_shape(previous, {dof_}, "previous");
+    check_shape(target, {7}, "target");
+    return tuple_of(
+        search_.follow(joints_from(previous.data(), dof_), placement_of(target.data())));
+  }
+
+  bool same_branch(const Array& first, const Array& second) const {
+    constructed(dof_);
+    check_shape(first, {dof_}, "first");
+    check_shape(second, {dof_}, "second");
+    return search_.same_branch(joints_from(first.data(), dof_),
+                               joints_from(second.data(), dof_));
+  }
+
+  py::tuple tuple_of(const Found& found) const {
+    return py::make_tuple(read_only(found.joint_positions.data(), dof_), found.position_residual,
+                          found.orientation_residual, found.effort, found.found);
+  }
+
+  const Search& search(py::ssize_t dof) const {
+    if (constructed(dof_) != dof) throw std::invalid_argument("the search is of another robot");
+    return search_;
+  }
+
+ private:
+  static const Refinement& checked(const Refinement& refinement, std::size_t examples,
+                                   double length) {
+    if (refinement.free.empty()) throw std::invalid_argument("no joint moves");
+    for (std::size_t joint = 0; joint < refinement.chain.size(); ++joint)
+      if (!std::isfinite(refinement.lower[joint]) || !std::isfinite(refinement.upper[joint]))
+        throw std::invalid_argument("the limits must be finite");
+    if (examples > 1'000'000) throw std::invalid_argument("examples must be at most a million");
+    if (!(length > 0.0)) throw std::invalid_argument("length must be positive");
+    return refinement;
+  }
+
+  std::vector<Joints> rows(const Array& array) const {
+    const py::ssize_t count = array.ndim() ? array.shape(0) : 0;
+    check_shape(array, {count, dof_}, "starts");
+    std::vector<Joints> result;
+    for (py::ssize_t row = 0; row < count; ++row)
+      result.push_back(joints_from(array.data() + row * dof_, dof_));
+    return result;
+  }
+
+  py::ssize_t dof_;
+  Search search_;
+};
+
 // A pose as an array of its own, its quaternion normalised; nothing if it may not be one.
 std::optional<Array> certain_pose(const py::object& pose, double norm_tolerance) {
   constexpr double ROUNDING = 4 * std::numeric_limits<double>::epsilon();
@@ -465,13 +556,6 @@ std::optional<Array> certain_pose(const py::object& pose, double norm_tolerance)
   if (deviation > ROUNDING)
     for (int part = 3; part < 7; ++part) p[part] /= length;
   return target;
-}
-
-Array read_only(const double* numbers, py::ssize_t count) {
-  Array array(count);
-  std::copy_n(numbers, count, array.mutable_data());
-  py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
-  return array;
 }
 
 template <typename Number>
@@ -512,51 +596,123 @@ class PyBoundSolve : public Object {
   // The checked pose and no reference, its features written to the network's input; None if it may
   // be refused.
   py::object prepare(const py::object& pose) {
-    constructed(dof_);
-    std::optional<Array> target = certain_pose(pose, norm_tolerance_);
+    std::optional<Array> target = certain_target(pose);
     if (!target) return py::none();
-    const double* p = target->data();
-    // Not '>', so that NaN is left to Python too.
-    if (!(norm(Vector3{p[0], p[1], p[2]} - centre_) <= reach_)) return py::none();
-    const double x = p[3], y = p[4], z = p[5], w = p[6];
-    const double features[] = {p[0], p[1], p[2], x * x, y * y, z * z, w * w,
-                               x * y, x * z, x * w, y * z, y * w, z * w};
-    std::copy_n(features, 13, features_);
     return py::make_tuple(std::move(*target), py::tuple());
   }
 
-  // :meth:`prepare`, a network of the kernel, and :meth:`finish`: target, no reference and what that gives.
+  // :meth:`prepare`, a network of the kernel, and :meth:`finish`: target, no reference and what
+  // that gives.
   py::object solve(const PyNetwork& network, const py::object& pose) {
-    const py::object prepared = prepare(pose);
-    if (prepared.is_none()) return prepared;
-    if (network.network().inputs != 13 || network.outputs() != dof_)
-      throw std::invalid_argument("the network must have 13 inputs, and one output a joint");
-    network.network().run(features_, output_.mutable_data());
-    const auto [target, reference] = prepared.cast<std::pair<Array, py::tuple>>();
-    py::object found = finish(target);
+    const std::optional<Array> target = certain_target(pose);
+    if (!target) return py::none();
+    run(network);
+    py::object found = finish(*target);
     if (found.is_none()) return found;
-    return py::make_tuple(target, reference, std::move(found));
+    return py::make_tuple(*target, py::tuple(), std::move(found));
   }
 
   // Joint positions, residuals and steps for the network's output, or None if a check may refuse.
   py::object finish(const Array& target) const {
     constructed(dof_);
     check_shape(target, {7}, "target");
-    const Joints start = joints_from(found_, dof_);
-    if (!std::all_of(found_, found_ + dof_, [](double x) { return std::isfinite(x); }))
-      return py::none();
-    const Refined found = refinement_.refine(start, placement_of(target.data()));
-    bool good = found.converged && found.position_residual <= most_[0] &&
-                found.orientation_residual <= most_[1];
-    for (py::ssize_t joint = 0; joint < dof_; ++joint)
-      good = good && lower_[joint] <= found.joint_positions[joint] &&
-             found.joint_positions[joint] <= upper_[joint];
-    if (!good) return py::none();
+    if (!finite_output()) return py::none();
+    const Refined found =
+        refinement_.refine(joints_from(found_, dof_), placement_of(target.data()));
+    if (!found.converged || !acceptable(found)) return py::none();
     return py::make_tuple(read_only(found.joint_positions.data(), dof_), found.position_residual,
                           found.orientation_residual, found.newton_steps);
   }
 
+  // Of a whole robot: target, no reference, what its search finds first, or, of the branch of
+  // ``previous`` joint positions (dof,), next, and whether no check of it can refuse that; None if
+  // the target may be refused. ``boxed``: begin at the solution in the box.
+  py::object find(const PySearch& searching, const PyNetwork& network, bool boxed,
+                  std::size_t most, const py::object& pose, const std::optional<Array>& previous) {
+    const std::optional<Array> target = certain_target(pose);
+    if (!target) return py::none();
+    if (previous) check_shape(*previous, {dof_}, "previous");
+    const Search& search = searching.search(dof_);
+    const Placement goal = placement_of(target->data());
+    const Found found = previous ? search.follow(joints_from(previous->data(), dof_), goal)
+                                 : search.first(goal, starts(network, goal, boxed), most);
+    return py::make_tuple(*target, py::tuple(), searching.tuple_of(found),
+                          found.found && acceptable(found));
+  }
+
+  // All solutions of a whole robot, those nearest to joint positions ``near`` first: target, no
+  // reference, and joint positions and residuals of each; None if a check may refuse one.
+  py::object find_all(const PySearch& searching, const PyNetwork& network, bool boxed,
+                      std::size_t most, double spacing, const py::object& pose,
+                      const Array& near) {
+    const std::optional<Array> target = certain_target(pose);
+    if (!target) return py::none();
+    check_shape(near, {dof_}, "near");
+    const Search& search = searching.search(dof_);
+    const Placement goal = placement_of(target->data());
+    const std::vector<Joints> begin = starts(network, goal, boxed);
+    const Joints middle = joints_from(near.data(), dof_);
+    std::vector<Solution> found;
+    {
+      py::gil_scoped_release release;
+      std::size_t taken = 0;
+      found = search.all(goal, begin, most, spacing, taken);
+      search.order(found, goal, middle);
+    }
+    py::list solutions;
+    for (const Solution& one : found) {
+      if (!acceptable(one)) return py::none();
+      solutions.append(py::make_tuple(read_only(one.joint_positions.data(), dof_),
+                                      one.position_residual, one.orientation_residual));
+    }
+    return py::make_tuple(*target, py::tuple(), std::move(solutions));
+  }
+
  private:
+  // The checked pose, its features written to the network's input; nothing if it may be refused.
+  std::optional<Array> certain_target(const py::object& pose) {
+    constructed(dof_);
+    std::optional<Array> target = certain_pose(pose, norm_tolerance_);
+    if (!target) return {};
+    const double* p = target->data();
+    // Not '>', so that NaN is left to Python too.
+    if (!(norm(Vector3{p[0], p[1], p[2]} - centre_) <= reach_)) return {};
+    const double x = p[3], y = p[4], z = p[5], w = p[6];
+    const double features[] = {p[0], p[1], p[2], x * x, y * y, z * z, w * w,
+                               x * y, x * z, x * w, y * z, y * w, z * w};
+    std::copy_n(features, 13, features_);
+    return target;
+  }
+
+  void run(const PyNetwork& network) {
+    if (network.network().inputs != 13 || network.outputs() != dof_)
+      throw std::invalid_argument("the network must have 13 inputs, and one output a joint");
+    network.network().run(features_, output_.mutable_data());
+  }
+
+  bool finite_output() const {
+    return std::all_of(found_, found_ + dof_, [](double x) { return std::isfinite(x); });
+  }
+
+  // Where a search begins: at the network's output, and before at the solution that it leads to.
+  std::vector<Joints> starts(const PyNetwork& network, const Placement& target, bool boxed) {
+    run(network);
+    if (!finite_output()) return {};
+    const Joints start = joints_from(found_, dof_);
+    if (!boxed) return {start};
+    return {refinement_.refine(start, target).joint_positions, start};
+  }
+
+  // Whether a solution is within its limits for certain.
+  template <typename Reached>
+  bool acceptable(const Reached& found) const {
+    bool good = found.position_residual <= most_[0] && found.orientation_residual <= most_[1];
+    for (py::ssize_t joint = 0; joint < dof_; ++joint)
+      good = good && lower_[joint] <= found.joint_positions[joint] &&
+             found.joint_positions[joint] <= upper_[joint];
+    return good;
+  }
+
   const Refinement refinement_;
   py::ssize_t dof_;
   Memory input_, output_;  // keeps the memory
@@ -574,7 +730,8 @@ class PyBoundGantry : public Object {
  public:
   // ``input``, ``output``: the network's task coordinates (6,) and drive angles (6,). ``ratio``,
   // ``offset``: of the transmissions. ``inside``: bounds (2, 6) of task coordinates that are in the
-  // workspace for certain, and of which the network is given roll and yaw; ``limits``: bounds (2, 6) of drive angles.
+  // workspace for certain, and of which the network is given roll and yaw; ``limits``: bounds
+  // (2, 6) of drive angles.
   PyBoundGantry(const Memory& input, const Memory& output, const Array& ratio, const Array& offset,
                 const Array& inside, const Array& limits, double max_position_residual,
                 double max_orientation_residual, double norm_tolerance)
@@ -629,92 +786,6 @@ class PyBoundGantry : public Object {
   double norm_tolerance_;
 };
 
-class PySearch : public Object {
- public:
-  PySearch(const PyRefinement& refinement, std::size_t examples, double length)
-      : dof_(static_cast<py::ssize_t>(refinement.refinement().chain.size())),
-        search_(checked(refinement.refinement(), examples, length), examples, length) {}
-
-  py::tuple first(const Array& target, const Array& starts, std::size_t most) const {
-    constructed(dof_);
-    check_shape(target, {7}, "target");
-    const std::vector<Joints> begin = rows(starts);
-    std::size_t taken = 0;
-    const Solution found = search_.first(placement_of(target.data()), begin, most, taken);
-    return py::make_tuple(array_from(found.joint_positions), found.position_residual,
-                          found.orientation_residual, taken, found.allowed);
-  }
-
-  py::tuple all(const Array& target, const Array& starts, std::size_t most, double spacing) const {
-    constructed(dof_);
-    check_shape(target, {7}, "target");
-    const std::vector<Joints> begin = rows(starts);
-    const Placement goal = placement_of(target.data());
-    std::size_t taken = 0;
-    std::vector<Solution> found;
-    {
-      py::gil_scoped_release release;
-      found = search_.all(goal, begin, most, spacing, taken);
-    }
-    const auto count = static_cast<py::ssize_t>(found.size());
-    Array positions({count, dof_}), distances(count), angles(count);
-    for (py::ssize_t i = 0; i < count; ++i) {
-      std::copy_n(found[i].joint_positions.begin(), dof_, positions.mutable_data() + i * dof_);
-      distances.mutable_data()[i] = found[i].position_residual;
-      angles.mutable_data()[i] = found[i].orientation_residual;
-    }
-    return py::make_tuple(positions, distances, angles, taken);
-  }
-
-  py::tuple follow(const Array& previous, const Array& target) const {
-    constructed(dof_);
-    check_shape(previous, {dof_}, "previous");
-    check_shape(target, {7}, "target");
-    const Followed found =
-        search_.follow(joints_from(previous.data(), dof_), placement_of(target.data()));
-    return py::make_tuple(array_from(found.joint_positions), found.position_residual,
-                          found.orientation_residual, found.newton_steps, found.arrived);
-  }
-
-  bool same_branch(const Array& first, const Array& second) const {
-    constructed(dof_);
-    check_shape(first, {dof_}, "first");
-    check_shape(second, {dof_}, "second");
-    return search_.same_branch(joints_from(first.data(), dof_),
-                               joints_from(second.data(), dof_));
-  }
-
- private:
-  static const Refinement& checked(const Refinement& refinement, std::size_t examples,
-                                   double length) {
-    if (refinement.free.empty()) throw std::invalid_argument("no joint moves");
-    for (std::size_t joint = 0; joint < refinement.chain.size(); ++joint)
-      if (!std::isfinite(refinement.lower[joint]) || !std::isfinite(refinement.upper[joint]))
-        throw std::invalid_argument("the limits must be finite");
-    if (examples > 1'000'000) throw std::invalid_argument("examples must be at most a million");
-    if (!(length > 0.0)) throw std::invalid_argument("length must be positive");
-    return refinement;
-  }
-
-  Array array_from(const Joints& joints) const {
-    Array result(dof_);
-    std::copy_n(joints.begin(), dof_, result.mutable_data());
-    return result;
-  }
-
-  std::vector<Joints> rows(const Array& array) const {
-    const py::ssize_t count = array.ndim() ? array.shape(0) : 0;
-    check_shape(array, {count, dof_}, "starts");
-    std::vector<Joints> result;
-    for (py::ssize_t row = 0; row < count; ++row)
-      result.push_back(joints_from(array.data() + row * dof_, dof_));
-    return result;
-  }
-
-  py::ssize_t dof_;
-  Search search_;
-};
-
 }  // namespace annik
 
 #ifndef ANNIK_KERNEL_SOURCES  // setup.py gives it
@@ -750,7 +821,9 @@ PYBIND11_MODULE(compiled, module) {
            py::arg(), py::arg(), py::arg(), py::arg(), py::arg())
       .def("prepare", &PyBoundSolve::prepare)
       .def("solve", &PyBoundSolve::solve)
-      .def("finish", &PyBoundSolve::finish);
+      .def("finish", &PyBoundSolve::finish)
+      .def("find", &PyBoundSolve::find)
+      .def("find_all", &PyBoundSolve::find_all);
   py::class_<PyBoundGantry>(module, "BoundGantry")
       .def(py::init<const Memory&, const Memory&, const Array&, const Array&, const Array&,
                     const Array&, double, double, double>(),

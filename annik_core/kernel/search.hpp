@@ -110,11 +110,12 @@ struct Solution {
   double radius;  // within which there is no other
 };
 
-struct Followed {
+// Where a search ended. ``effort``: starts or steps that it took.
+struct Found {
   Joints joint_positions;
   double position_residual, orientation_residual;
-  int newton_steps;
-  bool arrived;
+  std::size_t effort;
+  bool found;
 };
 
 class Search {
@@ -151,14 +152,15 @@ class Search {
     nearest_ = NearestPoints(std::move(points), reduced_.width());
   }
 
-  // The first solution that is found within the limits; not ``allowed`` if there is none.
-  Solution first(const Placement& target, const std::vector<Joints>& starts, std::size_t most,
-                 std::size_t& taken) const {
+  // The first solution that is found within the limits.
+  Found first(const Placement& target, const std::vector<Joints>& starts, std::size_t most) const {
     std::vector<Solution> found;
+    std::size_t taken = 0;
     run(target, starts, most, 0.0, true, found, taken);
-    for (const Solution& solution : found)
-      if (solution.allowed) return solution;
-    return {};
+    for (const Solution& one : found)
+      if (one.allowed)
+        return {one.joint_positions, one.position_residual, one.orientation_residual, taken, true};
+    return {{}, 0.0, 0.0, taken, false};
   }
 
   // All solutions. ``spacing``: of redundant joints, the distance between solutions.
@@ -171,15 +173,41 @@ class Search {
     return found;
   }
 
+  // Solutions in the turns that are nearest to joint positions, those nearest to them first, by the
+  // joint that moves most.
+  void order(std::vector<Solution>& found, const Placement& target, const Joints& near) const {
+    for (Solution& solution : found) {
+      Joints& at = solution.joint_positions;
+      const Joints before = at;
+      for (const std::size_t joint : within_.free) {
+        if (!turns(joint)) continue;
+        const double low = std::ceil((within_.lower[joint] - at[joint]) / FULL_TURN);
+        const double high = std::floor((within_.upper[joint] - at[joint]) / FULL_TURN);
+        const double wanted = std::nearbyint((near[joint] - at[joint]) / FULL_TURN);
+        at[joint] += FULL_TURN * std::clamp(wanted, std::min(low, 0.0), std::max(high, 0.0));
+      }
+      if (!within_.same(at, before)) measure(solution, target);
+    }
+    const auto away = [&](const Solution& solution) {
+      double most = 0.0;
+      for (std::size_t joint = 0; joint < within_.chain.size(); ++joint)
+        most = std::max(most, std::abs(solution.joint_positions[joint] - near[joint]));
+      return most;
+    };
+    std::stable_sort(found.begin(), found.end(), [&](const Solution& a, const Solution& b) {
+      return away(a) < away(b);
+    });
+  }
+
   // Along the straight line from the pose at ``previous``, as far as the joints move steadily, and
   // to a near target not much further than the line needs.
-  Followed follow(const Joints& previous, const Placement& target) const {
+  Found follow(const Joints& previous, const Placement& target) const {
     const Placement from = within_.chain.pose(previous);
     Linearisation linear;
     within_.chain.linearise(previous, target, linear);
     const Twist way = linear.twist;
     Joints positions = previous;
-    int steps = 0;
+    std::size_t steps = 0;
     double done = 0.0, part = 1.0;
     for (int tries = 0; tries < MOST_PARTS; ++tries) {
       const bool last = done + part >= 1.0;
@@ -391,16 +419,21 @@ class Search {
     Solution solution{in_turn(positions), 0.0, 0.0, true, {}, GREATEST_RADIUS};
     const Joints& at = solution.joint_positions;
     solution.allowed = within_.same(within_.projected(at), at);
-    // Of exactly the joint positions that are returned.
-    around_.chain.linearise(at, target, linear);
-    solution.position_residual = linear.position_residual();
-    solution.orientation_residual = linear.orientation_residual();
+    measure(solution, target);
     if (!one || !solution.allowed) {
       solution.singularity = around_.from_singularity(at, target);
       const double part = 0.25 * solution.singularity.distance;
       if (part > 0.0) solution.radius = std::clamp(part, LEAST_RADIUS, GREATEST_RADIUS);
     }
     found.push_back(solution);
+  }
+
+  // The residuals of exactly the joint positions that are returned.
+  void measure(Solution& solution, const Placement& target) const {
+    Linearisation linear;
+    within_.chain.linearise(solution.joint_positions, target, linear);
+    solution.position_residual = linear.position_residual();
+    solution.orientation_residual = linear.orientation_residual();
   }
 
   // Turning joints within half a turn of the middle of their limits.

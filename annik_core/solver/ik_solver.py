@@ -48,7 +48,7 @@ from annik_core.solver.result import (
     RefinementResult,
     RefinementResults,
 )
-from annik_core.solver.search import SearchOptions
+from annik_core.solver.search import FoundSolution, SearchOptions
 from annik_core.solver.whole_robot import WholeRobot
 
 if TYPE_CHECKING:
@@ -227,19 +227,18 @@ class IkSolver:
         if previous is not None or motion is not None:
             reference, previous_positions = self._remembered(previous)
             context = CommandContext(self.limits, previous_positions, motion)
-        result = self._certain_result(pose, context)
+        whole = self.whole_robot
+        if whole is None:
+            result = self._certain_result(pose, context)
+        else:
+            result = self._found_in_kernel(whole, pose, context)
         if result is not None:
             return result
         target = self._checked(pose, reference)
         if isinstance(target, Refusal):
             return IkResult.refused(target)
-        if self.whole_robot is not None:
-            starts = partial(self._network_starts, target[0])
-            if context.previous is None:
-                candidate = self.whole_robot.preferred(target[0], starts())
-            else:
-                candidate = self.whole_robot.continued(target[0], context.previous, starts)
-            return self._checked_result(candidate, target[1], context)
+        if whole is not None:
+            return self._whole_result(whole, target[0], context)
         solution = self.artifact.joint_positions_at(target[1].pose)
         return self._result(*target, solution, context)
 
@@ -261,6 +260,9 @@ class IkSolver:
         """
         near = self.robot.joint_limits.centre if near is None else np.asarray(near, np.float64)
         check_joint_count(near[np.newaxis], self.robot.joint_names)
+        every = None if turns else self._all_in_kernel(pose, near)
+        if every is not None:
+            return every
         target = self._checked(pose, self.robot.workspace.reference(near))
         if isinstance(target, Refusal):
             return []
@@ -339,31 +341,94 @@ class IkSolver:
 
         What the kernel is not certain of gives None too.
         """
-        if self.whole_robot is not None or self.limits.limits_expected_errors:
+        if self.limits.limits_expected_errors:
             return None
         if isinstance(self.robot.workspace, GantryWorkspace):
             return self._gantry_in_kernel(self.robot.workspace)
-        if isinstance(self.robot.workspace, ArmWorkspace):
-            return self._arm_in_kernel(self.robot.workspace)
-        return None
+        bound, network = self._bound_arm, self._arm_network
+        if bound is None or network is None or self.robot.turning or self.seed_from_previous:
+            return None
+        if self.artifact.start_network is not None:
+            return partial(bound.solve, self.artifact.start_network)
+        return self._around_network(bound, network)
 
-    def _arm_in_kernel(self, workspace: ArmWorkspace) -> Callable[[ArrayLike], Any] | None:
-        robot, limits = self.robot, self.limits
-        network = self.artifact.after_encoding("position_rotation_matrix")
+    @property
+    def _arm_network(self) -> "BoundSession | None":
+        return self.artifact.after_encoding("position_rotation_matrix")
+
+    @cached_property
+    def _bound_arm(self) -> Any:
+        """An arm's network, refinement and checks in the kernel; None if they are not there."""
+        robot, limits, workspace = self.robot, self.limits, self.robot.workspace
+        network = self._arm_network
         if not self.refines or not isinstance(self._refinement, CompiledRefinement):
             return None
-        if network is None or robot.turning or self.seed_from_previous:
+        if network is None or not isinstance(workspace, ArmWorkspace):
             return None
-        bound = compiled_kernel().BoundSolve(
+        return compiled_kernel().BoundSolve(
             *(self._refinement.compiled, network.input_row, network.output_row),
             *(workspace.centre, workspace.certain_reach),
             *(robot.joint_limits.lower, robot.joint_limits.upper),
             *(limits.max_position_residual, limits.max_orientation_residual),
             CERTAIN_NORM,
         )
-        if self.artifact.start_network is not None:
-            return partial(bound.solve, self.artifact.start_network)
-        return self._around_network(bound, network)
+
+    @cached_property
+    def _whole_in_kernel(self) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
+        """Searches of a whole robot in the kernel: for one solution, and for all of them."""
+        whole, bound, options = self.whole_robot, self._bound_arm, self.search_options
+        if whole is None or bound is None or self.limits.limits_expected_errors:
+            return None
+        search, network = whole.compiled_search, self.artifact.start_network
+        if search is None or network is None:
+            return None
+        begin = search, network, not self.robot.has_whole_box
+        return (
+            partial(bound.find, *begin, whole.most_starts),
+            partial(bound.find_all, *begin, options.max_starts, options.spacing),
+        )
+
+    def _found_in_kernel(
+        self, whole: WholeRobot, pose: ArrayLike, context: CommandContext
+    ) -> IkResult | None:
+        """The result of a whole robot, if the kernel is certain of the target; otherwise None."""
+        if self._whole_in_kernel is None:
+            return None
+        solved = self._whole_in_kernel[0](pose, context.previous)
+        if solved is None:
+            return None
+        target, reference, found, certain = solved
+        if not certain:
+            return self._whole_result(whole, target, context, FoundSolution(*found))
+        positions, distance, angle, effort, _ = found
+        steps = 0 if context.previous is None else effort
+        return self._in_motion(target, reference, (positions, distance, angle, steps), context)
+
+    def _all_in_kernel(self, pose: ArrayLike, near: FloatArray) -> list[IkResult] | None:
+        """All solutions of a whole robot, if the kernel is certain of them; otherwise None."""
+        solved = self._whole_in_kernel and self._whole_in_kernel[1](pose, near)
+        if not solved:
+            return None
+        target, reference, found = solved
+        # Without any, an arm with another task approaches the target.
+        if not found and self.task is not Task.POSE:
+            return None
+        return [self._accepted_result(target, reference, (*one, 0)) for one in found]
+
+    def _whole_result(
+        self,
+        whole: WholeRobot,
+        target: FloatArray,
+        context: CommandContext,
+        found: FoundSolution | None = None,
+    ) -> IkResult:
+        """The result of a whole robot; ``found``: where its first search ended, if it is done."""
+        starts = partial(self._network_starts, target)
+        if context.previous is None:
+            candidate = whole.preferred(target, starts(), found)
+        else:
+            candidate = whole.continued(target, context.previous, starts, found)
+        return self._checked_result(candidate, _as_it_is(target), context)
 
     def _gantry_in_kernel(self, workspace: GantryWorkspace) -> Callable[[ArrayLike], Any] | None:
         robot, limits, kernel = self.robot, self.limits, compiled_kernel()
@@ -403,17 +468,36 @@ class IkSolver:
         solved = None if solve is None else solve(pose)
         if solved is None:
             return None
-        target, reference, (positions, distance, angle, steps) = solved
+        target, reference, solution = solved
+        return self._in_motion(target, reference, solution, context)
+
+    def _in_motion(
+        self,
+        target: FloatArray,
+        reference: Numbers,
+        solution: tuple[FloatArray, float, float, int],
+        context: CommandContext,
+    ) -> IkResult:
+        """The result for a solution that passes every check but perhaps those of the motion."""
         if context is not self._alone:
+            positions, distance, angle, steps = solution
             candidate = Candidate(self.robot, target, positions, (distance, angle), steps)
             for check in MOTION_CHECKS:
                 refusal = check(candidate, context)
                 if refusal is not None:
                     return IkResult.refused(refusal, (distance, angle), steps)
+        return self._accepted_result(target, reference, solution)
+
+    def _accepted_result(
+        self,
+        target: FloatArray,
+        reference: Numbers,
+        solution: tuple[FloatArray, float, float, int],
+    ) -> IkResult:
+        """The result for joint positions, residuals and steps that no check refuses."""
         bound = self.robot.error_bound
-        expected = UNKNOWN if bound is None else bound.at(positions)
-        one = (IkStatus.SUCCESS, positions, distance, angle, steps, "", target, reference)
-        return IkResult(*one, *expected)
+        expected = UNKNOWN if bound is None else bound.at(self.robot.in_box(solution[0]))
+        return IkResult(IkStatus.SUCCESS, *solution, "", target, reference, *expected)
 
     def _network(self, poses: FloatArray, threads: int) -> FloatArray:
         """The network's joint positions ``(n, dof)``."""

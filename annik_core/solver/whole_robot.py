@@ -37,19 +37,17 @@ class WholeRobot:
     refinement: RefinementOptions = RefinementOptions()
     options: SearchOptions = SearchOptions()
 
-    def preferred(self, target: FloatArray, starts: FloatArray) -> Candidate:
+    def preferred(
+        self, target: FloatArray, starts: FloatArray, found: FoundSolution | None = None
+    ) -> Candidate:
         """The preferred solution of a target ``(7,)``, one function of the pose.
 
         It is the first that the search finds: from the starts ``(n, dof)``, in their order, then
         from the nearest examples. Without any, and for another task than the pose, it is the one
-        with the least rotation left over.
+        with the least rotation left over. ``found``: where the search ended, if it is done.
         """
-        most = self.options.max_starts
+        found = found or self._search.first(target, starts, self.most_starts)
         approach = self._nearest_orientation
-        if approach is not None:
-            # What the arm can reach is found soon.
-            most = min(most, len(starts) + FEW_STARTS)
-        found = self._search.first(target, starts, most)
         if found.found:
             residuals = found.position_residual, found.orientation_residual
             return Candidate(self.robot, target, found.joint_positions, residuals)
@@ -58,16 +56,20 @@ class WholeRobot:
         return self._unsolved(target, found.effort)
 
     def continued(
-        self, target: FloatArray, previous: FloatArray, starts: Callable[[], FloatArray]
+        self,
+        target: FloatArray,
+        previous: FloatArray,
+        starts: Callable[[], FloatArray],
+        found: FoundSolution | None = None,
     ) -> Candidate:
         """The solution on the branch of the previous joint positions ``(dof,)``.
 
         The joints move steadily to it while the end effector moves straight to the target. Where
         they can't, and the target is far, it is the nearest solution to which a straight motion of
         the joints passes no singularity. Otherwise the branch ends. ``starts`` is called if other
-        solutions are sought.
+        solutions are sought. ``found``: where the straight motion ended, if that is known.
         """
-        found = self._search.follow(previous, target)
+        found = found or self._search.follow(previous, target)
         if found.found:
             residuals = found.position_residual, found.orientation_residual
             return Candidate(self.robot, target, found.joint_positions, residuals, found.effort)
@@ -138,6 +140,18 @@ class WholeRobot:
             Candidate(self.robot, target, positions[row], residuals[row], task=task)
             for row in order
         ]
+
+    @cached_property
+    def most_starts(self) -> int:
+        """Most starts of the search for the preferred solution."""
+        most = self.options.max_starts
+        # What an arm with another task can reach is found soon.
+        return most if self._nearest_orientation is None else min(most, FEW_STARTS)
+
+    @property
+    def compiled_search(self) -> Any:
+        """The search in the kernel; None without it."""
+        return getattr(self._search, "compiled", None)
 
     @cached_property
     def task(self) -> Task:

@@ -29,6 +29,8 @@ from annik_core.robots.robot import ForwardKinematics
 from annik_core.robots.screw_chain import ScrewChain
 from annik_core.solver.ik_solver import CompiledRefinement
 from annik_core.solver.refinement import Refinement
+from annik_core.solver.result import RefinementOptions
+from annik_core.solver.whole_robot import search_for
 
 pytestmark = pytest.mark.skipif(compiled_kernel() is None, reason="the kernel is not compiled")
 
@@ -382,6 +384,19 @@ class TestBadInput:
         layer = (0, None, np.ones((5, 13)), np.ones(5), False)
         with pytest.raises(ValueError, match="output"):
             bound.solve(compiled_kernel().Network(13, [layer]), self.target)
+
+    def test_a_search_of_another_robot(self) -> None:
+        kernel, limits = compiled_kernel(), self.robot.joint_limits
+        rest = (np.zeros(3), 2.0, limits.lower, limits.upper, 1e-3, 1e-3, 1e-3)
+        memory = np.zeros(13), np.zeros(6)
+        bound = kernel.BoundSolve(self.refinement().compiled, *memory, *rest)
+        network = kernel.Network(13, [(0, None, np.ones((6, 13)), np.ones(6), False)])
+        other = load_robot("scara")
+        search = search_for(other, RefinementOptions()).compiled  # type: ignore[attr-defined]
+        with pytest.raises(ValueError, match="robot"):
+            bound.find(search, network, False, 10, self.target, None)
+        with pytest.raises(ValueError, match="robot"):
+            bound.find_all(search, network, False, 10, 0.5, self.target, self.at)
 
     def test_poses_that_are_none_are_left_to_python(self) -> None:
         memory = np.zeros(13), np.zeros(6)

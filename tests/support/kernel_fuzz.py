@@ -12,6 +12,7 @@ import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import cache
 from threading import Thread
 from types import SimpleNamespace
 from typing import Any
@@ -43,6 +44,17 @@ NO_ARRAYS = (
     True,
 )
 TYPES = (">f8", "f4", "f2", "i8", ">i4", "i1", "u8", "c16", "O", "?", "U8", "M8[s]", "f8,i4")
+
+
+@cache
+def search_of(dof: int) -> Any:
+    """A search of a made-up robot."""
+    kernel, rng, middle = compiled_kernel(), np.random.default_rng(dof), np.zeros(dof)
+    placements = np.tile(np.eye(4), (dof + 1, 1, 1))
+    placements[:, :3, 3] = rng.normal(size=(dof + 1, 3))
+    axes = np.eye(6)[rng.choice([2, 3, 4, 5], dof)]
+    chain = kernel.Chain(placements, axes, None, placements, (), middle)
+    return kernel.Search(kernel.Refinement(chain, middle - 2.0, middle + 4.0, 5, 5e-7), 20, 1.0)
 
 
 class Draw:
@@ -187,6 +199,9 @@ class Draw:
         weights = self.rng.normal(size=(dof, 13))
         return compiled_kernel().Network(13, [(0, None, weights, np.zeros(dof), True)])
 
+    def search_of(self, dof: int) -> Any:
+        return search_of(dof) if self.chance(0.95) else self.one_of(NO_ARRAYS)
+
     def wrapped(self, dof: int) -> Any:
         count = int(self.rng.integers(0, 3))
         known = tuple(self.rng.integers(0, dof, count).tolist())
@@ -269,6 +284,16 @@ METHODS: Mapping[str, Mapping[str, Callable[[Draw, int], tuple[Any, ...]]]] = {
         "prepare": lambda draw, _: (draw.pose(),),
         "finish": lambda draw, _: (draw.pose(),),
         "solve": lambda draw, dof: (draw.network_of(dof), draw.pose()),
+        "find": lambda draw, dof: (
+            *(draw.search_of(dof), draw.network_of(dof), draw.chance(0.5)),
+            *(draw.one_of((0, 1, 40, -1)), draw.pose()),
+            draw.joints(dof) if draw.chance(0.5) else None,
+        ),
+        "find_all": lambda draw, dof: (
+            *(draw.search_of(dof), draw.network_of(dof), draw.chance(0.5)),
+            *(draw.one_of((0, 1, 40, None)), draw.number(0.0, 0.5), draw.pose()),
+            draw.joints(dof),
+        ),
     },
     "BoundGantry": {
         "prepare": lambda draw, _: (draw.pose(),),

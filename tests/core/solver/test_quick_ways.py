@@ -16,6 +16,8 @@ from support.learned_model import write_learned_model
 from annik_core.errors import NonFiniteValue, NotUnitQuaternion
 from annik_core.model.artifact import Model, load_model
 from annik_core.pose import FloatArray, checked_pose, normalise_rows
+from annik_core.robots.library import load_robot
+from annik_core.robots.task import Task
 from annik_core.safety import (
     COMMAND_CHECKS,
     AcceptanceLimits,
@@ -28,16 +30,21 @@ from annik_core.safety import (
     Motion,
     surely_accepted,
 )
-from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.ik_solver import IkSolver, SolverMode
 from annik_core.solver.result import IkResult, IkResults, RefinementOptions
+from annik_core.solver.search import SearchOptions
 
 ARMS = ("iiwa14", "panda", "puma560", "scara", "ur5e", "xarm6")
 
 
+LIMITS = AcceptanceLimits()
+
+
 class OneByOne(IkSolver):
-    """Without the kernel's way to solve one target."""
+    """Without the kernel's ways to solve one target."""
 
     _solved_in_kernel = None  # type: ignore[assignment]
+    _whole_in_kernel = None  # type: ignore[assignment]
 
 
 @pytest.fixture(scope="module", params=[*ARMS, "learned", "gantry"])
@@ -140,6 +147,72 @@ def test_one_target_after_another(model: Model) -> None:
     if model.robot.kind == "arm":
         assert {IkStatus.JOINT_STEP_TOO_LARGE, IkStatus.JOINT_VELOCITY_TOO_LARGE} <= seen
         assert IkStatus.FIRST_COMMAND_TOO_FAR in seen
+
+
+def whole_solvers(
+    name: str, limits: AcceptanceLimits = LIMITS, **options: object
+) -> tuple[IkSolver, IkSolver]:
+    """In the kernel and one by one; ``continuous``: an arm with continuous joints and no box."""
+    model = load_model("ur5e" if name == "continuous" else name)
+    if name == "continuous":
+        text = str(model.robot.definition["urdf"]).replace('"revolute"', '"continuous"')
+        base, tip = model.robot.base_frame, model.robot.end_effector_frame
+        robot = load_robot(text, base_frame=base, end_effector_frame=tip)
+        model = replace(model, robot=robot)
+        assert model.robot.turning and model.robot.has_whole_box
+    quick, plain = (
+        solver(model, limits, SolverMode.WHOLE_ROBOT, search_options=SearchOptions(**options))  # type: ignore[arg-type]
+        for solver in (IkSolver, OneByOne)
+    )
+    assert limits.limits_expected_errors or quick._whole_in_kernel is not None
+    return quick, plain
+
+
+@pytest.mark.parametrize("name", ["continuous", "panda", "scara", "xarm6"])
+def test_a_whole_robot(name: str) -> None:
+    """Preferred, continued and all solutions, of good and bad poses, in the box and outside."""
+    quick, plain = whole_solvers(name)
+    robot, rng = plain.robot, np.random.default_rng(7)
+    poses = targets(plain.artifact, 24)
+    begin = robot.joint_limits.centre + rng.uniform(-1.5, 1.5, (24, robot.dof))
+    poses[::2] = robot.forward_kinematics.poses(begin[::2])
+    seen = set()
+    for pose, start in zip(poses, begin, strict=True):
+        near = start + rng.normal(scale=0.05, size=robot.dof)
+        for previous in (None, near, near + 1.0):
+            expected = plain.solve(pose, previous)
+            check_same(quick.solve(pose, previous), expected)
+            seen.add(expected.status)
+        for around in (None, near + 7.0):
+            found, wanted = quick.solutions(pose, around), plain.solutions(pose, around)
+            assert len(found) == len(wanted)
+            for one, other in zip(found, wanted, strict=True):
+                check_same(one, other)
+    assert {IkStatus.SUCCESS, IkStatus.OUTSIDE_WORKSPACE, IkStatus.NOT_FINITE} < seen
+
+
+def test_a_whole_robot_within_limits() -> None:
+    model = load_model("xarm6")
+    poses, before, seen = targets(model, 8), model.robot.joint_box.centre, set()
+    for limits, context in contexts(before):
+        quick, plain = whole_solvers("xarm6", limits)
+        for pose in poses:
+            expected = plain.solve(pose, *context)  # type: ignore[arg-type]
+            check_same(quick.solve(pose, *context), expected)  # type: ignore[arg-type]
+            seen.add(expected.status)
+        for found, wanted in zip(
+            quick.solutions(poses[0]), plain.solutions(poses[0]), strict=True
+        ):
+            check_same(found, wanted)
+    assert {IkStatus.SUCCESS, IkStatus.JOINT_STEP_TOO_LARGE} <= seen
+
+
+def test_what_a_whole_arm_with_another_task_approaches() -> None:
+    quick, plain = whole_solvers("scara", task=Task.POSITION)
+    for pose in targets(plain.artifact, 4):
+        check_same(quick.solve(pose), plain.solve(pose))
+        for found, wanted in zip(quick.solutions(pose), plain.solutions(pose), strict=True):
+            check_same(found, wanted)
 
 
 @pytest.mark.parametrize("threads", [None, 1, 3])
