@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from annik_core.robots.robot import Robot
     from annik_core.safety import AcceptanceLimits, CommandSafety, IkStatus
     from annik_core.serving.ik_server import IkServer
-    from annik_core.solver.ik_solver import IkSolver, SolverMode
+    from annik_core.solver.ik_solver import IkSolver
+    from annik_core.solver.mode import SolverMode
     from annik_core.solver.result import IkResult, RefinementOptions
 
 __all__ = [
@@ -49,7 +50,8 @@ _NAMES = {
     "robots.robot": ("Robot",),
     "safety": ("AcceptanceLimits", "CommandSafety", "IkStatus"),
     "serving.ik_server": ("IkServer",),
-    "solver.ik_solver": ("IkSolver", "SolverMode"),
+    "solver.ik_solver": ("IkSolver",),
+    "solver.mode": ("SolverMode",),
     "solver.result": ("IkResult", "RefinementOptions"),
 }
 __getattr__, __dir__ = lazy_names(__name__, _NAMES)

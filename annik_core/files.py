@@ -3,7 +3,6 @@
 import errno
 import os
 import stat
-import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -114,9 +113,12 @@ def bounded_yaml(text: str) -> Any:
 
 def ensure_writable_folder(folder: Path) -> None:
     """Create a folder if it is missing; raise NotWritable if no files can be written there."""
+    # Not above: it loads slowly.
+    from tempfile import TemporaryFile
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        with TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise NotWritable(folder, error.strerror or str(error)) from error

@@ -145,12 +145,10 @@ def _validated(
 
 
 def _declare(node: Node, row: Parameter) -> object:
-    # Declared first without a type, to see what was given: rclpy would refuse an integer for a
-    # double, and its exceptions name neither the range nor the unit.
-    untyped = ParameterDescriptor(dynamic_typing=True)
-    given = node.declare_parameter(row.name, _plain(row.default), untyped).value
-    value = _plain(row.checked(given))
-    node.undeclare_parameter(row.name)
+    # Not rclpy's own override: it would refuse an integer for a double, and its exceptions name
+    # neither the range nor the unit.
+    given = node._parameter_overrides.get(row.name)
+    value = _plain(row.checked(row.default if given is None else given.value))
     node.declare_parameter(row.name, value, descriptor(row), ignore_override=True)
     return value
 

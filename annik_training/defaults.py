@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from annik_core.robots.robot import Robot
-from annik_core.solver.ik_solver import SolverMode
+from annik_core.solver.mode import SolverMode
 from annik_training.fitting.options import FitOptions
 
 #: Number of random poses of an evaluation.

@@ -15,7 +15,8 @@ from annik_core.robots.corrections import ArmCorrections
 from annik_core.robots.robot import ForwardKinematics, Robot
 from annik_core.robots.screw_chain import ScrewChain
 from annik_core.safety import AcceptanceLimits
-from annik_core.solver.ik_solver import IkSolver, SolverMode, refinement_of
+from annik_core.solver.ik_solver import IkSolver, refinement_of
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.result import RefinementOptions, RefinementResults
 from annik_core.solver.whole_robot import WholeRobot
 from annik_training.defaults import DEFAULT_EVALUATION_POSES

@@ -8,7 +8,7 @@ from annik_core.pose import FloatArray
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.robot import FULL_TURN, Robot
 from annik_core.robots.task import Task
-from annik_core.solver.ik_solver import SolverMode
+from annik_core.solver.mode import SolverMode
 
 _SAMPLES = 500
 #: Straight lines of joint positions, and positions on each, that singularities are sought on.

@@ -11,7 +11,8 @@ from annik_core.model.artifact import Model, load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot, robot_from_definition
 from annik_core.robots.robot import Robot
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,7 @@ class JointLimits:
         """``(dof,)``, the middle of each interval."""
         return 0.5 * (self.lower + self.upper)
 
-    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
+    def sample(self, count: int, rng: "np.random.Generator") -> FloatArray:
         """Random joint positions ``(count, dof)``, independent and uniform in every interval."""
         return rng.uniform(self.lower, self.upper, (count, len(self.lower)))
 

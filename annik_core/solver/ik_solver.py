@@ -5,7 +5,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +40,7 @@ from annik_core.safety import (
     Refusal,
     surely_accepted,
 )
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.result import (
     IkResult,
     IkResults,
@@ -58,34 +58,6 @@ if TYPE_CHECKING:
 
 #: Poses in a call of the network: as many as leave its activations in a processor's cache.
 _PART = 256
-
-
-class SolverMode(Enum):
-    """How a target is solved.
-
-    ``NETWORK``: by the network alone, as in the paper. ``REFINED``: the network's solution is
-    refined on the forward kinematics inside the joint box. ``WHOLE_ROBOT``: for an arm; as
-    refined, but anywhere within the joint limits, on the branch of the previous command. ``AUTO``:
-    for an arm, the whole robot unless its joint box is smaller than its limits; the network for
-    the gantry, whose linear kinematics it learns exactly.
-    """
-
-    AUTO = "auto"
-    NETWORK = "network"
-    REFINED = "refined"
-    WHOLE_ROBOT = "whole_robot"
-
-    def of(self, robot: Robot) -> "SolverMode":
-        """The mode for a robot: ``AUTO`` decided."""
-        if self is not SolverMode.AUTO:
-            return self
-        if robot.kind != "arm":
-            return SolverMode.NETWORK
-        return SolverMode.WHOLE_ROBOT if robot.has_whole_box else SolverMode.REFINED
-
-    def refines(self, robot: Robot) -> bool:
-        """Whether solutions for this robot are refined."""
-        return self.of(robot) is not SolverMode.NETWORK
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.serialization import serialize_message
 
 from annik_core.errors import AnnikError
 from annik_core.safety import IkStatus, Refusal
-from annik_core.serving.ik_server import IkServer
 from annik_ros.ik_node.frames import NoTransform
 from msg_tools.conversions.cdr import StampedPoses
 from msg_tools.conversions.joint_state import joint_state_from_array, joint_state_to_array
+
+if TYPE_CHECKING:
+    from annik_core.serving.ik_server import IkServer
 
 
 def service_type() -> Any:
@@ -23,7 +25,7 @@ def service_type() -> Any:
 
 
 def compute_ik(
-    server: IkServer | None,
+    server: "IkServer | None",
     in_base_frame: Callable[[bytes], StampedPoses],
     request: Any,
     response: Any,

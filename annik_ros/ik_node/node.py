@@ -25,7 +25,6 @@ from annik_core.kernel import NO_KERNEL, compiled_kernel
 from annik_core.robots.robot import Robot
 from annik_core.robots.task import Task
 from annik_core.safety import IkStatus, Refusal
-from annik_core.serving.ik_server import IkServer
 from annik_core.solver.result import IkResult
 from annik_ros.declare_parameters import current_parameters, declare_parameters
 from annik_ros.diagnostics import (
@@ -108,8 +107,9 @@ class Serving:
             raw=True,
         )
         try:
-            # Not above: it loads slowly.
+            # Not above: they load slowly.
             from annik_core.model.artifact import load_model
+            from annik_core.serving.ik_server import IkServer
 
             solver = options.solver(load_model(_model_path(options)))
         except Exception:

@@ -5,13 +5,14 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from annik_core.safety import AcceptanceLimits, CommandSafety
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import SearchOptions
 from annik_ros.parameters import ExecutorChoice, changeable, parameter, parameters_of
 
 if TYPE_CHECKING:
     from annik_core.model.artifact import Model
+    from annik_core.solver.ik_solver import IkSolver
 
 #: The service that loads the model file anew.
 RELOAD_MODEL = "~/reload_model"
@@ -112,8 +113,11 @@ class IkNodeParameters:
         "the default one.",
     )
 
-    def solver(self, model: "Model") -> IkSolver:
+    def solver(self, model: "Model") -> "IkSolver":
         """The solver that they describe, for a model."""
+        # Not above: it loads slowly, and a node joins the others before.
+        from annik_core.solver.ik_solver import IkSolver
+
         return IkSolver(
             model,
             self.acceptance_limits,

@@ -16,7 +16,8 @@ from annik_core.model.artifact import Model
 from annik_core.pose import FloatArray
 from annik_core.robots.robot import Robot
 from annik_core.safety import AcceptanceLimits
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.result import RefinementOptions
 from annik_core.solver.search import SearchOptions
 from annik_view.solvers import solver_for

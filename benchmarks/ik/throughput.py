@@ -13,7 +13,8 @@ import numpy as np
 
 from annik_core.model.artifact import Model
 from annik_core.pose import FloatArray
-from annik_core.solver.ik_solver import IkSolver, SolverMode, usable_cores
+from annik_core.solver.ik_solver import IkSolver, usable_cores
+from annik_core.solver.mode import SolverMode
 from benchmarks.ik.annik import BatchSolver
 from benchmarks.ik.peers.peer import Peer
 from benchmarks.ik.query import no_garbage_collection

@@ -10,8 +10,8 @@ from pathlib import Path
 from annik_ros.parameters import ExecutorChoice
 from annik_ros.processes import ChildProcess
 
-_MODULES = {"ik_node": "annik_ros.ik_node.node", "null_node": "benchmarks.node.null_node"}
 NULL = "null_node"
+_COMMANDS = {"ik_node": ("annik_ros.main", "ik_node"), NULL: ("benchmarks.node.null_node",)}
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class NodeVariant:
             parameters["model"] = self.model
         if self.marked:
             parameters["marked"] = "true"
-        command = [sys.executable, "-m", _MODULES[self.program], "--ros-args"]
+        command = [sys.executable, "-m", *_COMMANDS[self.program], "--ros-args"]
         command += ["-r", f"__ns:={namespace}"]
         if remapped:
             command += ["-r", f"target_pose:={remapped}"]

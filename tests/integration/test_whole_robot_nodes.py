@@ -15,7 +15,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from msg_tools.conversions.joint_state import joint_state_from_array, joint_state_to_array
 from msg_tools.conversions.stamp import stamp_from_nanoseconds
 

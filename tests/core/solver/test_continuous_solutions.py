@@ -19,7 +19,8 @@ from annik_core.safety import (
     Measurement,
 )
 from annik_core.serving.ik_server import IkServer
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.result import IkResult
 
 TURN = 2.0 * math.pi

@@ -21,7 +21,8 @@ from annik_core.robots.gantry import GantryKinematics
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.safety import AcceptanceLimits, IkStatus
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.result import IkResult, RefinementOptions
 
 IN_WORKSPACE = pose_from_roll_pitch_yaw([0.3, 0.3, 0.6], [0.2, 0.3, 0.4])

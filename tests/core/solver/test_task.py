@@ -16,7 +16,8 @@ from annik_core.robots.library import load_robot
 from annik_core.robots.robot import Robot
 from annik_core.robots.task import Task
 from annik_core.safety import Candidate, IkStatus
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.search import SearchOptions
 from annik_core.solver.whole_robot import WholeRobot
 

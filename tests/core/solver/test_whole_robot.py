@@ -11,7 +11,8 @@ from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
 from annik_core.robots.robot import FULL_TURN
 from annik_core.safety import AcceptanceLimits, IkStatus
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.search import SearchOptions
 
 HOME = np.array([0.0, -1.2, 1.5, -1.8, -1.5, 0.0])

@@ -20,7 +20,8 @@ from annik_core.errors import InvalidValue
 from annik_core.model.artifact import load_model
 from annik_core.robots.joint_limits import JointLimits
 from annik_core.robots.library import load_robot
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from annik_training.cli import cli, main
 from annik_training.cli.options import FIT_NAMES, chosen_dataset, chosen_fit
 from annik_training.cli.robot import box_options
