@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from annik_core.kernel import compiled_kernel
 from annik_core.pose import FloatArray
@@ -109,6 +110,20 @@ class TestEveryArm:
                 for way in (search, again)
             )
             assert np.array_equal(first.joint_positions, second.joint_positions)
+
+
+@pytest.mark.parametrize(("name", "found_by_the_target"), [("ur5e", {0, 5}), ("scara", {0, 3})])
+def test_examples_are_a_halton_sequence(name: str, found_by_the_target: set[int]) -> None:
+    """Of the joints that a target does not find by itself."""
+    robot = load_robot(name)
+    examples = readable_search(robot, RefinementOptions(), 200)._examples  # type: ignore[attr-defined]
+    low, high = robot.joint_limits.lower, robot.joint_limits.upper
+    width = np.where(robot.rotary, np.minimum(high - low, 2.0 * np.pi), high - low)
+    spread = (examples - robot.joint_limits.centre) / width + 0.5
+    others = [joint for joint in range(robot.dof) if joint not in found_by_the_target]
+    expected = qmc.Halton(len(others), scramble=False).random(201)[1:]
+    assert spread[:, others] == pytest.approx(expected, abs=1e-12)
+    assert spread[:, list(found_by_the_target)] == pytest.approx(0.5)
 
 
 class TestFollow:
