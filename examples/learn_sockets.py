@@ -280,7 +280,7 @@ def _summary(held: InSockets, along: FloatArray, report: TrackingReport) -> dict
 
 def comparison(before_and_after: Mapping[str, tuple[InSockets, FloatArray]]) -> bytes:
     """Both errors of both models, by name, as PNG with logarithmic axes."""
-    figure = Figure(figsize=(9.0, 5.4), dpi=120, layout="constrained")
+    figure = Figure(figsize=(11.0, 5.4), dpi=120, layout="constrained")
     upper, lower = figure.subplots(2, 1)
     for (name, (held, along)), (colour, line) in zip(
         before_and_after.items(), STYLES, strict=True
@@ -296,5 +296,5 @@ def comparison(before_and_after: Mapping[str, tuple[InSockets, FloatArray]]) -> 
     ):
         axes.set(title=title, xlabel=label, ylabel="error [mm]", yscale="log")
         axes.grid(visible=True, which="both", alpha=0.3)
-        axes.legend()
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return png(figure)

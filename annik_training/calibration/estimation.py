@@ -122,6 +122,8 @@ class Estimate:
 
         The fits have a noise and sizes of their own.
         """
+        if self.observations.leaves_placements_out:
+            return self._without_placements[0]
         columns, _ = self.columns(self.used)
         return self._held_out(self.observations.folds, columns)[0]
 
@@ -129,19 +131,25 @@ class Estimate:
     def unseen_residuals(self) -> FloatArray | None:
         """Residuals ``(n, rows)`` by fits without the whole placement of the row.
 
-        From the mean at each fixed point, which is unknown then. Such a fit knows much less than
-        the whole one: each residual is divided by how much more its fit expects of it, by noise
-        and posterior. None without two placements.
+        Such a fit knows much less than the whole one: each residual is divided by how much more
+        its fit expects of it, by noise and posterior. None without two placements.
         """
-        placements, points = self.observations.placements, self.observations.fixed_points
-        if placements is None or points is None or placements.max() == 0:
+        placements = self.observations.placements
+        if placements is None or placements.max() == 0:
             return None
+        return np.divide(*self._without_placements)
+
+    @cached_property
+    def _without_placements(self) -> tuple[FloatArray, FloatArray]:
+        """As ``_held_out``; from the mean at each fixed point, which is unknown then."""
+        placements, points = self.observations.placements, self.observations.fixed_points
+        assert placements is not None and points is not None
         columns, _ = self.columns(self.used)
         weights = self.observations.weights
         for point in np.unique(points):
             rows = points == point
             columns[rows] -= np.average(columns[rows], axis=0, weights=weights[rows])
-        return np.divide(*self._held_out(placements, columns))
+        return self._held_out(placements, columns)
 
     def _held_out(
         self, folds: NDArray[np.int64], predicted: FloatArray

@@ -17,6 +17,8 @@ from annik_training.calibration.model import Evaluated
 
 #: Number of parts of the rows that are left out in turn.
 _FOLDS = 10
+#: Least number of placements in a fit that chooses between models.
+_LEFT = 2
 #: Standard deviation of a known distance between fixed points [m].
 DISTANCE_SIGMA = 5e-5
 
@@ -103,7 +105,7 @@ class Observations:
         """Measured numbers per example."""
         return 6 if self.has_orientation else 3
 
-    @property
+    @cached_property
     def placements(self) -> NDArray[np.int64] | None:
         """``(n,)`` number of each example's placement: points with known distances are one."""
         if self.fixed_points is None:
@@ -113,13 +115,22 @@ class Observations:
             of_point[of_point == of_point[second]] = of_point[first]
         return np.unique(of_point[self.fixed_points], return_inverse=True)[1]
 
+    @property
+    def leaves_placements_out(self) -> bool:
+        """Whether folds are placements: without one, two or more must be left."""
+        return self.placements is not None and int(self.placements.max()) >= _LEFT
+
     @cached_property
     def folds(self) -> NDArray[np.int64]:
-        """``(n,)`` number of the fold with which each row is left out of a fit, at random.
+        """``(n,)`` number of the fold with which each row is left out of a fit.
 
-        At a fixed point rows that were recorded one after the other resemble each other, so that
-        a third of its rows is left out together.
+        At random. At a fixed point rows that were recorded one after the other resemble each
+        other, so that a third of its rows is left out together, or the whole placement, for
+        errors that depend on the place.
         """
+        if self.leaves_placements_out:
+            assert self.placements is not None
+            return self.placements
         blocks = np.arange(len(self))
         if self.fixed_points is not None:
             for point in np.unique(self.fixed_points):

@@ -10,8 +10,9 @@ from annik_training.calibration.estimation import Estimate, tuned
 from annik_training.calibration.model import ParametricModel
 from annik_training.calibration.observations import Noise, Observations
 
-#: Probability by chance below which a measurement is an outlier.
-_IMPROBABLE = 1e-20
+#: Standard deviations from which a measurement is an outlier. Play and friction move an arm by
+#: tens of those that its other measurements have.
+_SLIPPED = 20.0
 #: Largest fraction of outliers; with more, the others can't be trusted either.
 _MOST = 0.3
 #: Least standard deviation that is assumed [m]; no instrument measures better.
@@ -37,7 +38,7 @@ def find_outliers(
         weighted = observations.weighted(np.where(outlying, 0.0, 1.0))
         fitted = tuned(model, weighted, noise, np.zeros(model.size))
         before = outlying
-        outlying = _squares(fitted) > chi2.isf(_IMPROBABLE, observations.rows)
+        outlying = _squares(fitted) > _SLIPPED**2
         if outlying.mean() > _MOST:
             raise UnexplainedMeasurements(
                 f"{int(outlying.sum())} of {len(outlying)} measured poses are far from those of "

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annik_core.append_log import AppendLog
-from annik_core.errors import AnnikError
+from annik_core.robots.errors import InvalidRobotDefinition
+from annik_training.calibration.errors import CalibrationError
 from benchmarks.calibrate.geometry import FloatArray
 from benchmarks.calibrate.methods import METHODS, Prediction
 from benchmarks.calibrate.problems import SOCKET_DISTANCE, MeasuredSet, Rows, cached_sets
@@ -121,7 +122,7 @@ def outcome_of(job: Job) -> Outcome:
     begin = time.perf_counter()
     try:
         prediction = METHODS[job.method].predict(one, rows, held_out.joint_positions)
-    except AnnikError as error:
+    except (CalibrationError, InvalidRobotDefinition) as error:
         return Outcome(seconds=time.perf_counter() - begin, refused=str(error))
     seconds = time.perf_counter() - begin
     if held_out.sockets is not None:
