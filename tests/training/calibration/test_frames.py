@@ -97,6 +97,19 @@ def test_fixed_points_and_the_tool_point_are_found() -> None:
     assert found.points == pytest.approx(POINTS[np.argsort(numbers)], abs=1e-8)
 
 
+def test_three_placements_are_left_out_whole_and_of_two_thirds_of_a_point() -> None:
+    measurements = at_points(PERFECT, 9, list(range(6)))
+    frames = initial_frames(measurements, *nominal(measurements))
+    three = replace(Observations.of(measurements), frames=frames)
+    assert three.leaves_placements_out
+    assert three.folds.tolist() == np.arange(3).repeat(18).tolist()
+    two = three.where(three.folds < 2)
+    assert not two.leaves_placements_out
+    thirds = two.folds.reshape(-1, 3)
+    assert (thirds == thirds[:, :1]).all()
+    assert len(np.unique(two.folds)) == 10
+
+
 def test_derivatives_by_the_frames_are_finite_differences() -> None:
     model = ParametricModel(UR5E, frozenset({Part.GEOMETRY}))
     poses = in_a_frame(PERFECT, ABOUT[-1], 6)
