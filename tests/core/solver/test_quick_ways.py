@@ -31,7 +31,8 @@ from annik_core.safety import (
     Motion,
     surely_accepted,
 )
-from annik_core.solver.ik_solver import IkSolver, SolverMode
+from annik_core.solver.ik_solver import IkSolver
+from annik_core.solver.mode import SolverMode
 from annik_core.solver.result import IkResult, IkResults, RefinementOptions
 from annik_core.solver.search import SearchOptions
 
