@@ -18,9 +18,11 @@ def run(name: str) -> int:
     from annik_ros.signals import END_SIGNALS
 
     END_SIGNALS.take(name)
-    # Imports leave hardly any garbage: to look for it would take a tenth of their time.
+    # Imports leave hardly any garbage: to look for it would take a tenth of their time. The node
+    # enables it again when it spins.
     gc.disable()
     try:
+        import_module("annik_ros.run_node").join(name)
         main = import_module(f"annik_ros.{name}.node").main
     except ImportError as error:
         from annik_core.errors import missing_dependency
@@ -28,8 +30,6 @@ def run(name: str) -> int:
         problem = missing_dependency(error, name)
         print(f"[FATAL] [{name}]: {problem}", file=sys.stderr)
         return 1
-    gc.freeze()
-    gc.enable()
     return int(main())
 
 

@@ -51,6 +51,43 @@ def make_executor(choice: ExecutorChoice) -> Executor:
 
 AnyNode = TypeVar("AnyNode", bound=Node)
 
+#: What :func:`join` made, until the node itself is there.
+_early: list[Node] = []
+
+
+def join(name: str) -> None:
+    """Begin to meet other nodes, before the node of this process is imported.
+
+    They meet a process, not its nodes, and that takes as long as what then is imported. A hidden
+    node makes the middleware begin. A fault of the command line ends the process, as in
+    :func:`run_node`, which continues.
+    """
+    if asks_for_help(sys.argv[1:]):
+        return
+    if not _initialise(name, sys.argv):
+        sys.exit(1)
+    _early.append(
+        rclpy.create_node(
+            "_early",
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+    )
+
+
+def _initialise(name: str, args: list[str]) -> bool:
+    """Whether rclpy accepts the command line; otherwise one line says why not."""
+    END_SIGNALS.defer()
+    try:
+        check_arguments(args[1:])
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    # rclpy has no public class for faults of ROS arguments; there is no log yet.
+    except (AnnikError, RuntimeError) as error:
+        print(f"[FATAL] [{name}]: {one_line(error)}", file=sys.stderr)
+        return False
+    return True
+
 
 def run_node(
     name: str,
@@ -79,23 +116,19 @@ def run_node(
             :class:`AnnikError`.
     """
     END_SIGNALS.take(name)
-    arguments = (sys.argv if args is None else args)[1:]
-    if asks_for_help(arguments):
+    args = sys.argv if args is None else args
+    if asks_for_help(args[1:]):
         print(help_text(name, (inspect.getdoc(make_node) or "").partition("\n\n")[0], parameters))
         return 0
-    END_SIGNALS.defer()
-    try:
-        check_arguments(arguments)
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    # rclpy has no public class for faults of ROS arguments; there is no log yet.
-    except (AnnikError, RuntimeError) as error:
-        print(f"[FATAL] [{name}]: {one_line(error)}", file=sys.stderr)
+    if not _early and not _initialise(name, args):
         return 1
     logger = get_logger(name)
     node: AnyNode | None = None
     exit_code = 1
     try:
         node = make_node()
+        while _early:
+            _early.pop().destroy_node()
         done = finished(node) if finished else Future()
         spin(node, executor(node), done, partial(on_error, node) if on_error else None)
         exit_code = int(done.result() or 0)
@@ -136,6 +169,7 @@ def spin(
     # Later collections skip what exists now, so that they do not delay targets. What is garbage by
     # now is little, and to collect it first would take a tenth of the start.
     gc.freeze()
+    gc.enable()
     try:
         executor.add_node(node)
         # A task ends the present wait.
