@@ -7,6 +7,7 @@ plain floats.
 
 import struct
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,23 +50,26 @@ class BoundSession:
         self, session: onnxruntime.InferenceSession, names: tuple[str, str], sizes: tuple[int, int]
     ) -> None:
         """Bind input and output, by their names and their numbers in a row."""
-        self._session = session
         self._input, self._output = (np.zeros((1, size)) for size in sizes)
         #: Input and output themselves.
         self.input_row, self.output_row = self._input[0], self._output[0]
         self._input_bytes = self._input.data.cast("B")
-        self._binding: Any = session.io_binding()
+        binding: Any = session.io_binding()
         # Without options onnxruntime makes new ones for every call; without this entry, which is
         # its default, an exception that it catches.
-        self._options = onnxruntime.RunOptions()
-        self._options.add_run_config_entry("gpu_graph_id", "-1")
+        options = onnxruntime.RunOptions()
+        options.add_run_config_entry("gpu_graph_id", "-1")
         # On a processor an OrtValue is the array's own memory.
-        self._binding.bind_ortvalue_input(
+        binding.bind_ortvalue_input(
             names[0], onnxruntime.OrtValue.ortvalue_from_numpy(self._input)
         )
-        self._binding.bind_ortvalue_output(
+        binding.bind_ortvalue_output(
             names[1], onnxruntime.OrtValue.ortvalue_from_numpy(self._output)
         )
+        # What the methods of onnxruntime's Python call, which take a quarter of a call themselves.
+        inner, bound = getattr(session, "_sess", session), getattr(binding, "_iobinding", binding)
+        #: Computes the output for what is in the input.
+        self.run: Callable[[], None] = partial(inner.run_with_iobinding, bound, options)
 
     def __call__(self, row: bytes) -> FloatArray:
         """The output ``(m,)`` for an input of ``n`` numbers, given as the bytes of float64."""
@@ -73,10 +77,6 @@ class BoundSession:
         self.run()
         output: FloatArray = self.output_row.copy()
         return output
-
-    def run(self) -> None:
-        """Compute the output for what is in the input."""
-        self._session.run_with_iobinding(self._binding, self._options)
 
 
 def task_coordinates(pose: FloatArray) -> bytes | None:

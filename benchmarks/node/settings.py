@@ -37,7 +37,7 @@ class NodeBenchSettings:
     in_a_row: tuple[int, ...] = (50, 1)
     stream_seconds: float = 60.0
     memory_minutes: float = 10.0
-    starts: int = 10
+    starts: int = 30
     warm_up_seconds: float = 30.0
     arm: str = "ur5e"
     streams: tuple[StreamPlan, ...] = (

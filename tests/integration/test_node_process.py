@@ -217,6 +217,14 @@ def _check_end(process: Process, *sent: signal.Signals) -> None:
     assert "ended by SIG" in last or "recorded 0 messages" in last, log
 
 
+def test_the_node_that_joins_first_is_gone_when_its_process_serves(
+    start: Callable[..., Process], client: Any
+) -> None:
+    start("ik_node").wait_for_text("serving ")
+    names = client.node.get_node_names
+    client.wait_until(lambda: "ik_node" in names() and "_early" not in names(), "the node alone")
+
+
 @pytest.mark.slow
 def test_signals_at_any_moment_are_one_line_and_exit_code_0(
     start: Callable[..., Process],
