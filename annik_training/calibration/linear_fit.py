@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor
+from scipy.linalg import cholesky
 from scipy.linalg.lapack import dpotri
 
 from annik_core.pose import FloatArray
@@ -82,12 +82,17 @@ class LinearFit:
     @cached_property
     def covariance(self) -> FloatArray:
         """``(p, p)`` of the parameters."""
-        scaled = self.prior[:, None] * self._sums[:-1, :-1] * self.prior
+        # In place: copies of large matrices take longer than the factorisation.
+        scaled = self.prior[:, None] * self._sums[:-1, :-1]
+        scaled *= self.prior
         scaled[np.diag_indices_from(scaled)] += 1.0
-        factor, lower = cho_factor(scaled, check_finite=False)
-        upper = np.triu(dpotri(factor, lower=lower)[0])
-        inverse = upper + np.triu(upper, 1).T
-        return np.asarray(self.prior[:, None] * inverse * self.prior, dtype=np.float64)
+        factor = cholesky(scaled.T, overwrite_a=True, check_finite=False)
+        upper = dpotri(factor, overwrite_c=True)[0]
+        covariance: FloatArray = upper + upper.T
+        covariance[np.diag_indices_from(covariance)] *= 0.5
+        covariance *= self.prior[:, None]
+        covariance *= self.prior
+        return covariance
 
     @cached_property
     def step(self) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from annik_core.pose import FloatArray
 from annik_training.calibration.errors import UnexplainedMeasurements
@@ -53,6 +53,6 @@ def _squares(fitted: Estimate) -> FloatArray:
     """Squares ``(n,)`` of what is surprising, scaled by their median."""
     rows = fitted.observations.rows
     least = (_LEAST_NOISE / fitted.noise.position) ** 2
-    scale = max(float(np.median(fitted.surprise)) / float(chi2.median(rows)), least)
+    scale = max(float(np.median(fitted.surprise)) / float(chdtri(rows, 0.5)), least)
     scaled: FloatArray = fitted.surprise / scale
     return scaled
