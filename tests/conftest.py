@@ -37,9 +37,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("process")
         if not any(item.get_closest_marker(name) for name in NOT_QUICK):
             item.add_marker("quick")
-    # Files that take long come first, so that no worker is left alone with one at the end.
+    # Files that take long come first, so that no worker is left alone with one at the end. Then
+    # those that mostly wait, for ROS, in turns with those that compute.
     long = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: (item.path not in long, item.path not in integration))
+    others = [path for path in dict.fromkeys(item.path for item in items) if path not in long]
+    place = dict.fromkeys(long, 0.0)
+    for waits, end in ((True, 0.8), (False, 1.0)):
+        group = [path for path in others if (path in integration) is waits]
+        place.update((path, end * number / len(group)) for number, path in enumerate(group, 1))
+    items.sort(key=lambda item: place[item.path])
     # colcon sets it in the environment of what it starts.
     if "COLCON" in os.environ and not config.option.markexpr:
         config.option.markexpr = "quick"
