@@ -18,7 +18,11 @@ _SERVER.set_forkserver_preload(
     [
         "support.forked",
         "onnxruntime",
-        *(f"annik_ros.{node}.node" for node in ("ik_node", "fake_robot", "target_publisher")),
+        "scipy.spatial.transform",
+        *(
+            f"annik_ros.{node}.node"
+            for node in ("ik_node", "fake_robot", "target_publisher", "example_collector")
+        ),
     ]
 )
 
