@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
@@ -93,8 +94,14 @@ class CommandPublishers:
         self._clock = node.get_clock().handle
         self._stamps = UniqueStamps()
         results = reliable(RESULT_DEPTH)
+        # With single_threaded, rclpy looks at each event with every target. A subscriber that does
+        # not fit is told by its own node too.
+        no_events = PublisherEventCallbacks(use_default_callbacks=False)
         self._publishers = [
-            node.create_lifecycle_publisher(message_type, topic.name, results)
+            node.create_lifecycle_publisher(
+                *(message_type, topic.name, results),
+                event_callbacks=None if topic is JOINT_COMMAND else no_events,
+            )
             for message_type, topic in (
                 (JointState, JOINT_COMMAND),
                 (PoseStamped, ACCEPTED_TARGET),
