@@ -215,6 +215,9 @@ class Search {
       within_.chain.linearise(positions, goal, linear);
       Joints predicted = positions;
       if (!within_.step(linear, linear.squared(), predicted)) break;
+      // At a singularity, what rounding leaves of an error would turn some joints far.
+      const bool reached = linear.squared() <= within_.tolerance * within_.tolerance;
+      if (reached && longest(positions, predicted) > ROUNDING) predicted = positions;
       avoid_limits(linear, positions, predicted);
       const Refined refined = within_.search(predicted, goal, within_.max_newton_steps);
       steps += refined.newton_steps + 1;
@@ -260,7 +263,7 @@ class Search {
   static constexpr std::size_t FEW = 8, NEAREST = 192, BATCH = 8;
   static constexpr int IDLE_BATCHES = 2, MOST_STEPS = 20, PATIENCE = 6;
   static constexpr double FAR = 1.0, LEAST_RADIUS = 2e-4, GREATEST_RADIUS = 0.05;
-  static constexpr double APART = 0.8, FINE = 1e-9, FOUND = 1e-6;
+  static constexpr double APART = 0.8, FINE = 1e-9, FOUND = 1e-6, EDGE = 1e-7;
   static constexpr int MOST_PARTS = 64, SAMPLES = 16;
   static constexpr double LEAST_PART = 1.0 / 512.0, STEADY = 0.5, SMALL = 1e-3,
                           LONG = 0.5;
@@ -417,8 +420,11 @@ class Search {
     }
     if (!(linear.squared() < FOUND * FOUND) || known(positions)) return;
     Solution solution{in_turn(positions), 0.0, 0.0, true, {}, GREATEST_RADIUS};
-    const Joints& at = solution.joint_positions;
-    solution.allowed = within_.same(within_.projected(at), at);
+    Joints& at = solution.joint_positions;
+    // Rounding takes every other solution at a limit beyond it.
+    const Joints inside = within_.projected(at);
+    solution.allowed = longest(inside, at) <= EDGE;
+    if (solution.allowed) at = inside;
     measure(solution, target);
     if (!one || !solution.allowed) {
       solution.singularity = around_.from_singularity(at, target);

@@ -33,6 +33,8 @@ _BATCH, _IDLE_BATCHES = 8, 2
 _MOST_STEPS, _PATIENCE = 20, 6
 #: Norm of the error twist at which a start has found a solution, and at which it is exact.
 _FOUND, _FINE = 1e-6, 1e-9
+#: A solution this little beyond a limit is moved to it, and measured there [rad or m].
+_EDGE = 1e-7
 #: A singularity is close within this [rad or m], and crossed by this part of its distance.
 _CLOSE, _BEYOND = 1.0, 3.0
 #: Part of that distance in which there is no other solution, and its bounds [rad or m].
@@ -126,6 +128,10 @@ class PlainSearch:
             predicted = self._within.step(linear.jacobian, linear.twist, squared, positions)
             if predicted is None:
                 break
+            # At a singularity, what rounding leaves of an error would turn some joints far.
+            reached = squared <= self.options.tolerance**2
+            if reached and np.abs(predicted - positions).max() > _ROUNDING:
+                predicted = positions
             predicted = self._avoiding_limits(linear.jacobian, positions, predicted)
             steps += 1
             result = self._within.search(predicted, goal, self.options.max_newton_steps)
@@ -334,6 +340,10 @@ class PlainSearch:
         if not squared < _FOUND**2 or is_known(positions):
             return False
         positions = unwrapped(positions, self.limits.centre, self._turning)
+        inside = self._within.projected(positions)
+        allowed = bool(np.abs(inside - positions).max() <= _EDGE)
+        if allowed:
+            positions = inside
         to_singularity = from_singularity(
             lambda q: self.kinematics.linearise(q, target).jacobian, positions, self.limits.free
         )
@@ -343,7 +353,7 @@ class PlainSearch:
             _Known(
                 positions,
                 self.kinematics.residuals(positions, target),
-                self.limits.contains(positions),
+                allowed,
                 to_singularity,
                 radius if distance > 0.0 else _MOST_ALONE,
             )

@@ -80,6 +80,19 @@ class TestEveryArm:
                 missed += distances(robot, found.joint_positions, made_from).min() > 1e-3
         assert missed <= 1
 
+    def test_a_joint_at_its_limit(self, robot: Robot, search: Search) -> None:
+        """As at a home position: rounding may not make it a joint beyond its limit."""
+        joint_positions = drawn(robot, 20)
+        joint_positions[::2, 1] = robot.joint_limits.upper[1]
+        joint_positions[1::2, 2] = robot.joint_limits.lower[2]
+        poses = robot.forward_kinematics.poses(joint_positions)
+        for made_from, pose in zip(joint_positions, poses, strict=True):
+            assert search.first(pose, no_starts(robot), OPTIONS.max_starts).found
+            found = search.all(pose, no_starts(robot), OPTIONS.max_starts, SPACING).joint_positions
+            assert all(map(robot.joint_limits.contains, found))
+            if robot.dof <= 6:
+                assert distances(robot, found, made_from).min() < 1e-3
+
     def test_no_solution_is_listed_twice(self, robot: Robot, search: Search) -> None:
         for pose in robot.forward_kinematics.poses(drawn(robot, 20)):
             found = search.all(pose, no_starts(robot), OPTIONS.max_starts, SPACING).joint_positions
@@ -160,6 +173,25 @@ class TestFollow:
         assert found.orientation_residual == pytest.approx(0.2, abs=0.02)
         assert robot.joint_limits.contains(found.joint_positions)
 
+    def test_it_stays_where_it_is(self, robot: Robot) -> None:
+        """At a singularity, what rounding leaves of an error could turn some joints far."""
+        searches = [
+            search_for(robot, RefinementOptions()),
+            readable_search(robot, RefinementOptions(), 10),
+        ]
+        limits, rng = robot.joint_limits, np.random.default_rng(5)
+        starts = drawn(robot, 20, seed=5)
+        at_zero = np.clip(0.0, limits.lower, limits.upper)
+        starts = np.where(rng.random(starts.shape) < 0.6, at_zero, starts)
+        poses = robot.forward_kinematics.poses(starts)
+        for search in searches:
+            for start, pose in zip(starts, poses, strict=True):
+                near = pose + 1e-8 * rng.normal(size=7)
+                for target in (pose, near):
+                    found = search.follow(start, target)
+                    assert found.found
+                    assert found.joint_positions == pytest.approx(start, abs=2e-4)
+
     @pytest.mark.parametrize("arm", ["ur5e", "xarm6", "puma560"])
     def test_close_to_a_singularity_joints_do_not_spin(self, arm: str) -> None:
         """A near target is left rather than reached by a motion that its ends do not need."""
@@ -212,6 +244,7 @@ class TestPlainAndCompiled:
         compiled, plain = search_for(robot, options), readable_search(robot, options, 3000)
         assert not isinstance(compiled, PlainSearch)
         joint_positions = drawn(robot, 6)
+        joint_positions[:2, 1] = robot.joint_limits.upper[1]
         nearby = joint_positions + 0.02
         for pose, start, goal in zip(
             robot.forward_kinematics.poses(joint_positions),
