@@ -194,6 +194,7 @@ class IkSolver:
 
         Raises:
             WrongShape: if ``pose`` is not seven numbers, or ``previous`` not one per joint.
+            NonFiniteValue: if one of ``previous`` is NaN or infinite.
         """
         reference, context = None, self._alone
         if previous is not None or motion is not None:
@@ -229,9 +230,12 @@ class IkSolver:
                 moves most; by default the middle of the joint limits.
             turns: list every solution in all full turns that the limits allow, not only in the
                 nearest one.
+
+        Raises:
+            WrongShape: as :meth:`solve`, of ``near`` too.
+            NonFiniteValue: if one of ``near`` is NaN or infinite.
         """
-        near = self.robot.joint_limits.centre if near is None else np.asarray(near, np.float64)
-        check_joint_count(near[np.newaxis], self.robot.joint_names)
+        near = self._known_positions(self.robot.joint_limits.centre if near is None else near)
         every = None if turns else self._all_in_kernel(pose, near)
         if every is not None:
             return every
@@ -529,9 +533,17 @@ class IkSolver:
             return None, None
         if isinstance(previous, IkResult):
             return previous.reference, previous.joint_positions
-        positions = np.asarray(previous, dtype=np.float64)
-        check_joint_count(positions[np.newaxis], self.robot.joint_names)
+        positions = self._known_positions(previous)
         return self.robot.workspace.reference(positions), positions
+
+    def _known_positions(self, given: ArrayLike) -> FloatArray:
+        """Joint positions ``(dof,)`` of a caller, as numbers."""
+        positions, names = np.asarray(given, dtype=np.float64), self.robot.joint_names
+        check_joint_count(positions[np.newaxis], names)
+        for name, position in zip(names, positions.tolist(), strict=True):
+            if not math.isfinite(position):
+                raise NonFiniteValue(f"position of {name}", position)
+        return positions
 
     def _result(
         self,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annik_core.pose import FloatArray
-from annik_core.robots.robot import Robot
+from annik_core.robots.robot import Robot, unwrapped
 from annik_core.robots.task import Task
 from annik_core.solver.search import FoundSolution
 
@@ -59,9 +59,12 @@ class NearestOrientation:
             for distances in (squares + turns**2, squares)
         ]
         ends, reached, left_over = self._searched(examples[np.concatenate(near)], target)
+        # Full turns do not tell solutions apart.
+        turning = np.flatnonzero(self.robot.rotary).tolist()
         kept: list[int] = []
         for row in np.argsort(left_over, kind="stable"):
-            apart = np.abs(self.robot.difference(ends[kept], ends[row])).max(axis=1, initial=0.0)
+            away = unwrapped(ends[kept] - ends[row], 0.0, turning)
+            apart = np.abs(away).max(axis=1, initial=0.0)
             if reached[row] and (apart > _SAME).all():
                 kept.append(int(row))
         return ends[kept]

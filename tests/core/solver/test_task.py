@@ -24,7 +24,11 @@ from annik_core.solver.whole_robot import WholeRobot
 
 @pytest.fixture(scope="module")
 def five() -> Robot:
-    """Base, shoulder, elbow, wrist and roll, as hobby arms have them."""
+    return hobby_arm(2.0)
+
+
+def hobby_arm(limit: float) -> Robot:
+    """Base, shoulder, elbow, wrist and roll, each within ``limit`` [rad] of the middle."""
     axes = {"pan": "0 0 1", "lift": "0 1 0", "elbow": "0 1 0", "wrist": "0 1 0", "roll": "1 0 0"}
     offsets = ["0 0 0.1", "0 0 0.05", "0.12 0 0", "0.13 0 0", "0.06 0 0"]
     links = ["base", "a", "b", "c", "d", "e", "tip"]
@@ -34,7 +38,7 @@ def five() -> Robot:
             *links[at : at + 2],
             axis=f'xyz="{axis}"',
             origin=f'xyz="{offset}"',
-            limit='lower="-2" upper="2"',
+            limit=f'lower="{-limit}" upper="{limit}"',
         )
         for at, ((name, axis), offset) in enumerate(zip(axes.items(), offsets, strict=True))
     ]
@@ -141,3 +145,13 @@ def test_the_solver_says_what_is_left_over_and_refuses_if_the_pose_is_the_task()
     )
     assert strict.solve(tilted).status is IkStatus.NOT_CONVERGED
     assert strict.solutions(tilted) == []
+
+
+def test_a_full_turn_makes_no_other_solution() -> None:
+    robot = hobby_arm(math.pi)
+    backwards = np.array([math.pi, 0.5, 0.6, 0.7, 0.0])
+    pose = turned(pose_at(robot, backwards), Rotation.from_rotvec([0.0, 0.0, 1e-3]))
+    candidates = whole(robot).every(pose, np.empty((0, 5)), backwards, turns=False)
+    found = np.array([candidate.joint_positions for candidate in candidates])
+    for row, one in enumerate(found):
+        assert (np.abs(found[:row] - one).max(axis=1, initial=0.0) > 1e-3).all()

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 from support.urdf_texts import joint, urdf
 
-from annik_core.errors import InvalidValue
+from annik_core.errors import InvalidValue, NonFiniteValue
 from annik_core.model.artifact import load_model
 from annik_core.pose import FloatArray
 from annik_core.robots.library import load_robot
@@ -75,6 +75,18 @@ class TestSolutions:
     def test_none_out_of_reach_and_none_of_a_bad_pose(self, ur5e: IkSolver) -> None:
         assert ur5e.solutions([9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]) == []
         assert ur5e.solutions([np.nan] * 7) == []
+
+    @pytest.mark.parametrize("value", [np.nan, np.inf])
+    def test_joint_positions_that_are_not_finite_are_named(
+        self, ur5e: IkSolver, value: float
+    ) -> None:
+        positions = ur5e.robot.joint_box.centre.copy()
+        pose = pose_at(ur5e, positions)
+        positions[2] = value
+        for solve in (ur5e.solve, ur5e.solutions):
+            with pytest.raises(NonFiniteValue) as caught:
+                solve(pose, positions)
+            assert caught.value.field == "position of elbow_joint"
 
     def test_the_spacing_of_a_redundant_arm(self) -> None:
         coarse, fine = whole("panda", spacing=1.0), whole("panda", spacing=0.3)
