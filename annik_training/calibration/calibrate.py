@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from annik_core.robots.screw_chain import ScrewChain, motion_matrices
 from annik_core.settings import check_settings, setting
 from annik_training.calibration.distances import FoundDistance, found_distances
 from annik_training.calibration.errors import InvalidMeasurements, TooFewMeasurements
-from annik_training.calibration.estimation import LEAST_NOISE, Estimate, tuned
+from annik_training.calibration.estimation import Estimate, tuned
 from annik_training.calibration.frames import OTHER, Frames, check_known, initial_frames
 from annik_training.calibration.measurements import Measurements
 from annik_training.calibration.model import ParametricModel, Part, check_nominal_arm
@@ -47,6 +47,8 @@ CANDIDATES: tuple[frozenset[Part], ...] = (
 )
 #: Where the estimate of the noise begins: that of the nominal robot.
 _FIRST_NOISE = Noise(1e-3, 1e-3)
+#: A stated noise is at most so many times the residuals: more is another unit, or another noise.
+_CREDIBLE = 1.5
 #: A squared residual counts at most so many medians: a few large ones decide nothing.
 _LARGEST_RATIO = 25.0
 
@@ -112,6 +114,7 @@ class CalibratedRobot:
     #: Geometric errors that the poses don't identify; they stay near nominal.
     unidentified: tuple[str, ...]
     repeatability: Repeatability | None  #: None without repeated approaches
+    stated_noise: Noise | None  #: of the measurements, if the residuals are far too small for it
     options: CalibrationOptions
     seconds: float
 
@@ -188,7 +191,7 @@ def calibrate(
     if isinstance(measured, Dataset) and found.observations.frames.tool_unknowns:
         corrections = _with_tool(robot, corrections, frames.tool)
     unidentified = unidentified_parameters(found)
-    noise = Noise(*(sigma or (0.0, 0.0)))
+    noise = credible_noise(found, sigma)
     repeated = repeatability(found, noise)
     corrections = replace(
         corrections,
@@ -219,6 +222,7 @@ def calibrate(
         distances,
         unidentified,
         repeated,
+        None if sigma is None or astuple(noise) == tuple(sigma) else Noise(*sigma),
         options,
         time.perf_counter() - begin,
     )
@@ -331,20 +335,14 @@ def _chosen(candidates: tuple[Candidate, ...]) -> int:
     )
 
 
-def estimated_noise(found: Estimate, known: tuple[float, float] | None) -> Noise:
-    """Noise by the residuals of a fit and its degrees of freedom.
-
-    The known spread of the measurements [m], [rad] is a lower bound.
-    """
-    squares = found.observations.weights[:, None] * found.residuals**2
-    leverages = found.leverages
-    taken = np.einsum("nrr->r", leverages)
-    factors = []
-    for rows in (slice(0, 3), slice(3, 6)):
-        left = squares[:, rows].size - float(taken[rows].sum())
-        total = float(squares[:, rows].sum())
-        factors.append(math.sqrt(total / left) if left > 0.0 else 1.0)
-    noise = Noise(found.noise.position * factors[0], found.noise.orientation * factors[1])
-    if known is not None:
-        noise = Noise(max(noise.position, known[0]), max(noise.orientation, known[1]))
-    return Noise(max(noise.position, LEAST_NOISE), max(noise.orientation, LEAST_NOISE))
+def credible_noise(found: Estimate, stated: tuple[float, float] | None) -> Noise:
+    """The stated noise of the measurements; zero, not known, where their residuals are smaller."""
+    taken = np.einsum("nrr->r", found.leverages)
+    credible = []
+    for kind, (noise, own) in enumerate(zip(astuple(found.noise), stated or (0.0, 0.0))):
+        rows = slice(3 * kind, 3 * kind + 3)
+        residuals = noise * found.residuals[:, rows]
+        left = max(1.0, residuals.size - float(taken[rows].sum()))
+        largest = _CREDIBLE * math.sqrt(float((residuals**2).sum()) / left)
+        credible.append(own if own <= largest or not residuals.size else 0.0)
+    return Noise(*credible)

@@ -178,6 +178,13 @@ def warnings(calibrated: "CalibratedRobot") -> Iterator[str]:
             f"the arm has play or friction of {1e3 * calibrated.repeatability.distance:.2f} mm, "
             "which no calibration corrects"
         )
+    if calibrated.stated_noise is not None:
+        yield (
+            f"the measurements are stated to have a noise of "
+            f"{1e3 * calibrated.stated_noise.position:.4g} mm and "
+            f"{math.degrees(calibrated.stated_noise.orientation):.4g} degrees, but they agree with "
+            "each other much better: it is not used"
+        )
 
 
 def _shown(frame: FloatArray) -> str:

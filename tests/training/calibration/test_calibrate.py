@@ -34,7 +34,7 @@ from annik_training.calibration.calibrate import (
     Candidate,
     _chosen,
     calibrate,
-    estimated_noise,
+    credible_noise,
 )
 from annik_training.calibration.errors import (
     DegenerateExamples,
@@ -50,6 +50,7 @@ from annik_training.calibration.observations import Noise
 from annik_training.calibration.uncertainty import error_bound_of
 from annik_training.calibration.validation import REGIONS, evaluate_measured
 from annik_training.cli.calibrate import calibration_summary
+from annik_training.cli.calibration_report import warnings
 from annik_training.cli.evaluate import evaluation_summary
 from annik_training.cli.plots import before_and_after
 from annik_training.designs.registry import make_design
@@ -234,12 +235,30 @@ def test_the_simplest_within_a_standard_error_of_the_best_is_chosen(
 
 
 @pytest.mark.slow
-def test_the_known_noise_is_the_least(from_fifty: CalibratedRobot) -> None:
-    found = estimated_noise(from_fifty.estimate, None)
-    larger = Noise(2.0 * found.position, 3.0 * found.orientation)
-    assert estimated_noise(from_fifty.estimate, (larger.position, larger.orientation)) == larger
-    smaller = (0.5 * found.position, 0.5 * found.orientation)
-    assert estimated_noise(from_fifty.estimate, smaller) == found
+def test_a_stated_noise_that_the_residuals_contradict_is_not_used(
+    from_fifty: CalibratedRobot,
+) -> None:
+    found, stated = from_fifty.estimate, from_fifty.dataset.measurement_noise
+    assert stated is not None
+    position, orientation = stated
+    assert credible_noise(found, stated) == Noise(position, orientation)
+    assert credible_noise(found, None) == Noise(0.0, 0.0)
+    assert credible_noise(found, (10.0 * position, orientation)) == Noise(0.0, orientation)
+    assert credible_noise(found, (position, 10.0 * orientation)) == Noise(position, 0.0)
+
+
+@pytest.mark.slow
+def test_with_far_too_large_a_stated_noise_the_bound_is_as_without_one() -> None:
+    dataset = measured_ur5e(TRUTH, 50)
+    wrong = calibrate(UR5E, replace(dataset, measurement_noise=(1e-3, 1e-2)), QUICK)
+    unknown = calibrate(UR5E, replace(dataset, measurement_noise=None), QUICK)
+    assert wrong.stated_noise == Noise(1e-3, 1e-2)
+    assert unknown.stated_noise is None
+    bounds = [one.robot.error_bound for one in (wrong, unknown)]
+    assert bounds[0] is not None and bounds[1] is not None
+    assert np.array_equal(bounds[0].coefficients, bounds[1].coefficients)
+    assert any("1 mm" in warning for warning in warnings(wrong))
+    assert not list(warnings(unknown))
 
 
 @pytest.mark.slow
