@@ -339,7 +339,8 @@ def credible_noise(found: Estimate, stated: tuple[float, float] | None) -> Noise
     """The stated noise of the measurements; zero, not known, where their residuals are smaller."""
     taken = np.einsum("nrr->r", found.leverages)
     credible = []
-    for kind, (noise, own) in enumerate(zip(astuple(found.noise), stated or (0.0, 0.0))):
+    pairs = zip(astuple(found.noise), stated or (0.0, 0.0), strict=True)
+    for kind, (noise, own) in enumerate(pairs):
         rows = slice(3 * kind, 3 * kind + 3)
         residuals = noise * found.residuals[:, rows]
         left = max(1.0, residuals.size - float(taken[rows].sum()))

@@ -180,10 +180,10 @@ def warnings(calibrated: "CalibratedRobot") -> Iterator[str]:
         )
     if calibrated.stated_noise is not None:
         yield (
-            f"the measurements are stated to have a noise of "
+            "the measurements are stated to have a noise of "
             f"{1e3 * calibrated.stated_noise.position:.4g} mm and "
-            f"{math.degrees(calibrated.stated_noise.orientation):.4g} degrees, but they agree with "
-            "each other much better: it is not used"
+            f"{math.degrees(calibrated.stated_noise.orientation):.4g} degrees, but they agree "
+            "much better: it is not used"
         )
 
 
