@@ -240,10 +240,11 @@ class Search {
     return {positions, linear.position_residual(), linear.orientation_residual(), steps, false};
   }
 
-  // Whether the straight joint motion between two joint positions passes no singularity.
+  // Whether the straight joint motion between two joint positions passes no singularity. It may
+  // begin or end at one: branches meet there.
   bool same_branch(const Joints& a, const Joints& b) const {
     if (within_.free.size() != 6) return true;
-    bool positive = false;
+    double least = 0.0, most = 0.0;
     for (int i = 0; i <= SAMPLES; ++i) {
       Joints between = a;
       for (const std::size_t joint : within_.free)
@@ -252,11 +253,11 @@ class Search {
       within_.chain.jacobian(between, jacobian);
       for (std::size_t k = 0; k < 6; ++k) columns[k] = jacobian[within_.free[k]];
       Column none{};
-      const bool now = eliminate_six(columns, none) > 0;
-      if (i > 0 && now != positive) return false;
-      positive = now;
+      const double determinant = eliminate_six(columns, none);
+      least = std::min(least, determinant);
+      most = std::max(most, determinant);
     }
-    return true;
+    return std::min(-least, most) <= SINGULAR * std::max(-least, most);
   }
 
  private:
@@ -267,7 +268,7 @@ class Search {
   static constexpr int MOST_PARTS = 64, SAMPLES = 16;
   static constexpr double LEAST_PART = 1.0 / 512.0, STEADY = 0.5, SMALL = 1e-3,
                           LONG = 0.5;
-  static constexpr double NEAR = 0.2, LEAP = 1.5, ROUNDING = 1e-4;
+  static constexpr double NEAR = 0.2, LEAP = 1.5, ROUNDING = 1e-4, SINGULAR = 1e-6;
   static constexpr double MARGIN = 0.1, AVOID = 0.4, LEAST_DAMPING = 1e-9;
 
   // Redundant joints near a limit are moved away from it while the others move, without a motion

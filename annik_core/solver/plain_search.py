@@ -48,8 +48,9 @@ _LONG, _STEADY, _SMALL = 0.5, 0.5, 1e-3
 _LEAP, _ROUNDING = 1.5, 1e-4
 #: Part of a joint's range next to a limit that redundant joints avoid, and how much of the motion.
 _MARGIN, _AVOID, _LEAST_DAMPING = 0.1, 0.4, 1e-9
-#: Samples of a joint motion that is searched for a singularity.
-_SAMPLES = 16
+#: Samples of a joint motion that is searched for a singularity, and the determinant of the Jacobian
+#: that is zero there, as a part of the largest.
+_SAMPLES, _SINGULAR = 16, 1e-6
 #: Close to the axis of the first joint its angle means little [scaled lengths].
 _SOFT = 0.05
 
@@ -159,8 +160,9 @@ class PlainSearch:
         if len(free) != 6:
             return True
         between = first + np.linspace(0.0, 1.0, _SAMPLES + 1)[:, np.newaxis] * (second - first)
-        signs = np.linalg.det(self.kinematics.jacobians(between)[:, :, free]) > 0.0
-        return bool((signs == signs[0]).all())
+        determinants = np.linalg.det(self.kinematics.jacobians(between)[:, :, free])
+        below, above = max(0.0, -determinants.min()), max(0.0, determinants.max())
+        return bool(min(below, above) <= _SINGULAR * max(below, above))
 
     def _avoiding_limits(
         self, jacobian: FloatArray, start: FloatArray, predicted: FloatArray

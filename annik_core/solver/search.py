@@ -112,6 +112,7 @@ class Search(Protocol):
     def same_branch(self, first: FloatArray, second: FloatArray) -> bool:
         """Whether the straight joint motion from one to the other ``(dof,)`` has no singularity.
 
-        Of an arm of six joints; others have no branches by this.
+        But at its ends: branches meet there. Of an arm of six joints; others have no branches by
+        this.
         """
         ...

@@ -27,6 +27,8 @@ EXAMPLES = 10_000
 FEW_STARTS = 100
 #: A motion of the joints that is no more than this continues the previous one [rad or m].
 SHORT = 0.2
+#: A solution so near by all joints is no jump, whatever its branch [rad or m].
+MEETING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +94,9 @@ class WholeRobot:
         positions = self._nearest_turns(positions, previous)
         steps = self._distances(positions, previous)
         order = np.argsort(steps, kind="stable")
+        # Branches meet at a singularity: whichever goes on from there without a jump.
+        if reached and steps[order[0]] < MEETING:
+            return Candidate(self.robot, target, positions[order[0]])
         if reached and self._is_far(previous, target):
             for row in order:
                 if steps[row] < math.pi and self._search.same_branch(previous, positions[row]):

@@ -227,6 +227,8 @@ class TestFollow:
         elbow_down[2] = -1.5
         assert not search.same_branch(start, elbow_down)
         assert search.same_branch(start, start + 0.1)
+        stretched = start * [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
+        assert search.same_branch(stretched, start)
 
 
 class TestPlainAndCompiled:

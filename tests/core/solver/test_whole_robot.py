@@ -169,6 +169,18 @@ class TestContinued:
         assert limits.contains(changed.joint_positions)
         assert np.abs(changed.joint_positions - start).max() > 1.0
 
+    @pytest.mark.parametrize("home", [[0.0] * 6, [0.0, -1.5708, 0.0, -1.5708, 0.0, 0.0]])
+    def test_from_a_singularity_where_arms_are_parked_near_targets_are_reached(
+        self, ur5e: IkSolver, home: list[float]
+    ) -> None:
+        rng = np.random.default_rng(0)
+        for size in (1e-4, 1e-3, 0.01, 0.03):
+            for _ in range(20):
+                pose = pose_at(ur5e, np.array(home) + rng.uniform(-size, size, 6))
+                result = ur5e.solve(pose, home)
+                assert result.status is IkStatus.SUCCESS
+                assert np.abs(result.joint_positions - home).max() < 0.2
+
     def test_limits_on_steps_hold_for_a_change_of_the_branch(self) -> None:
         solver = IkSolver(
             load_model("xarm6"),
