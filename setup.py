@@ -138,6 +138,7 @@ setup(
             *PLOTS,
             "onnx>=1.16",
             "sympy>=1.12",
+            "threadpoolctl>=3.0",
             "torch>=2.4",
         ],
         # The page in the browser, and the interactive report.

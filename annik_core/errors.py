@@ -49,7 +49,7 @@ _REMEDIES = {
     "yaml": "sudo apt install python3-yaml, or pip install pyyaml",
     **dict.fromkeys(("builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"), _ROS),
     **dict.fromkeys(("lz4", "mcap", "rosbags", "ruamel", "zstandard"), _BAGS),
-    **dict.fromkeys(("onnx", "sympy", "torch"), _extra("train")),
+    **dict.fromkeys(("onnx", "sympy", "threadpoolctl", "torch"), _extra("train")),
     **dict.fromkeys(("plotly", "trimesh", "viser", "websockets"), _extra("view")),
     **dict.fromkeys(("distributed", "joblib"), _extra("study")),
     **{name: f"pip install {name}" for name in ("click", "onnxruntime", "rich")},

@@ -135,6 +135,7 @@ class CalibratedRobot:
         return dict(self.robot.definition["corrections"]["provenance"])
 
 
+@one_thread()
 def calibrate(
     robot: Robot,
     measured: Dataset | Measurements,
@@ -183,9 +184,8 @@ def calibrate(
     _check_number(simplest, observations, 0)
     check_moved(robot, observations, _FIRST_NOISE, rng)
     observations = replace(observations, frames=_frames(robot, measured, observations))
-    with one_thread():
-        found, candidates, outliers, distances = _estimate(robot, observations, options, rng)
-        check_explained(found, rng)
+    found, candidates, outliers, distances = _estimate(robot, observations, options, rng)
+    check_explained(found, rng)
     frames = found.observations.frames.moved(found.unknowns)
     corrections = found.model.corrections(found.model_parameters)
     if isinstance(measured, Dataset) and found.observations.frames.tool_unknowns:

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import torch
+from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from annik_core.pose import FloatArray
@@ -102,10 +103,14 @@ def _step(reduced: Tensor, projected: Tensor, damping: float) -> Tensor:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit torch to one thread: results depend on the number of threads, and more are slower."""
+    """Limit torch and linear algebra to one thread.
+
+    Results depend on the number of threads, and for small matrices more are slower.
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        yield
+        with threadpool_limits(limits=1):
+            yield
     finally:
         torch.set_num_threads(threads)

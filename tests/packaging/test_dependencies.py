@@ -34,7 +34,7 @@ ROSDEP_KEYS = {
     "zstandard": "mcap-ros2-support",
 }
 #: Without a key, or for training only: package.xml says to get them by pip.
-BY_PIP = {"onnx", "plotly", "sympy", "torch", "trimesh", "viser", "websockets"}
+BY_PIP = set("onnx plotly sympy threadpoolctl torch trimesh viser websockets".split())
 #: Their names at PyPI, where those differ.
 DISTRIBUTIONS = {
     "google": "protobuf",
