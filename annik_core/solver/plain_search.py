@@ -48,8 +48,8 @@ _LONG, _STEADY, _SMALL = 0.5, 0.5, 1e-3
 _LEAP, _ROUNDING = 1.5, 1e-4
 #: Part of a joint's range next to a limit that redundant joints avoid, and how much of the motion.
 _MARGIN, _AVOID, _LEAST_DAMPING = 0.1, 0.4, 1e-9
-#: Samples of a joint motion that is searched for a singularity, and the Jacobian's determinant that
-#: is zero there, as a part of the largest.
+#: Samples of a joint motion that is searched for a singularity, and the determinant of the
+#: Jacobian that is zero there, as a part of the largest.
 _SAMPLES, _SINGULAR = 16, 1e-6
 #: Close to the axis of the first joint its angle means little [scaled lengths].
 _SOFT = 0.05

@@ -34,7 +34,8 @@ ROSDEP_KEYS = {
     "zstandard": "mcap-ros2-support",
 }
 #: Without a key, or for training only: package.xml says to get them by pip.
-BY_PIP = set("onnx plotly sympy threadpoolctl torch trimesh viser websockets".split())
+FOR_TRAINING = {"onnx", "sympy", "threadpoolctl", "torch"}
+BY_PIP = FOR_TRAINING | {"plotly", "trimesh", "viser", "websockets"}
 #: Their names at PyPI, where those differ.
 DISTRIBUTIONS = {
     "google": "protobuf",
