@@ -262,7 +262,7 @@ class Search {
 
  private:
   static constexpr std::size_t FEW = 8, NEAREST = 192, BATCH = 8;
-  static constexpr int IDLE_BATCHES = 2, MOST_STEPS = 20, PATIENCE = 6;
+  static constexpr int IDLE_BATCHES = 2, ODD_BATCHES = 16, MOST_STEPS = 20, PATIENCE = 6;
   static constexpr double FAR = 1.0, LEAST_RADIUS = 2e-4, GREATEST_RADIUS = 0.05;
   static constexpr double APART = 0.8, FINE = 1e-9, FOUND = 1e-6, EDGE = 1e-7;
   static constexpr int MOST_PARTS = 64, SAMPLES = 16;
@@ -375,7 +375,11 @@ class Search {
     };
     if (reflect()) return;
     std::size_t index = drawn_;
-    for (int idle = 0; idle < IDLE_BATCHES;) {
+    // With six joints, solutions come in pairs, but for those at a singularity.
+    const auto most_idle = [&] {
+      return within_.free.size() == 6 && found.size() % 2 ? ODD_BATCHES : IDLE_BATCHES;
+    };
+    for (int idle = 0; idle < most_idle();) {
       const std::size_t before = found.size();
       for (std::size_t i = 0; i < BATCH; ++i)
         if (try_start(towards(spread(index++), target))) return;

@@ -27,8 +27,9 @@ _NEAREST, _FEW = 192, 8
 #: Examples this far from all others are tried, by their largest difference between the first and
 #: the last joint [rad or m].
 _APART = 0.8
-#: Starts of the sequence in a batch, and batches without a new solution that end the search.
-_BATCH, _IDLE_BATCHES = 8, 2
+#: Starts of the sequence in a batch, and batches without a new solution that end the search; the
+#: same where the number of solutions says that one is missing.
+_BATCH, _IDLE_BATCHES, _ODD_BATCHES = 8, 2, 16
 #: Steps of Newton's method from a start, and how many may bring little.
 _MOST_STEPS, _PATIENCE = 20, 6
 #: Norm of the error twist at which a start has found a solution, and at which it is exact.
@@ -301,7 +302,9 @@ class PlainSearch:
 
         yield from beyond()
         index, idle = self.examples, 0
-        while one or idle < _IDLE_BATCHES:
+        # With six joints, solutions come in pairs, but for those at a singularity.
+        paired = len(self.limits.free) == 6
+        while one or idle < (_ODD_BATCHES if paired and len(known) % 2 else _IDLE_BATCHES):
             before = len(known)
             for _ in range(_BATCH):
                 start = self._spread(index)
