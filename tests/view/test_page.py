@@ -175,7 +175,7 @@ def test_drag_refuse_and_click_in_chromium(page: Page, tab: Any) -> None:
     page.request("target", lambda: state.move_target(near))
 
     # All solutions are shown as ghosts, and a click on one takes it.
-    tab.get_by_role("checkbox").first.check(force=True)
+    tab.get_by_role("checkbox").first.click(force=True)  # check() would not wait for the page
     wait_for(lambda: len(page.ghosts) > 4, "the solutions are shown")
     before = state.joint_positions
     for solution in state.solutions[1:]:
@@ -208,7 +208,7 @@ def test_the_target_moves_a_robot_on_ros_in_chromium(launch: Callable[..., Any],
     at_start = ", ".join(f"{value:.3f}" for value in target[:3])
     wait_for(lambda: at_start in readout(), "the target is where the robot is")
     wait_until_drawn(tab, camera, state.skeleton.posture(start).points[3])
-    tab.get_by_role("checkbox").first.check(force=True)
+    tab.get_by_role("checkbox").first.click(force=True)  # check() would not wait for the page
     wait_for(lambda: "the target moves the robot" in readout(), "the switch is on")
     drag(tab, camera, state.skeleton.reach, target, 0.04)
     wait_for(
