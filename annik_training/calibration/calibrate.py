@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any
 
@@ -19,6 +18,7 @@ from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_core.robots.screw_chain import ScrewChain, motion_matrices
 from annik_core.settings import check_settings, setting
+from annik_training.calibration.combination import Candidate, combined
 from annik_training.calibration.distances import FoundDistance, found_distances
 from annik_training.calibration.errors import InvalidMeasurements, TooFewMeasurements
 from annik_training.calibration.estimation import Estimate, tuned
@@ -49,8 +49,8 @@ CANDIDATES: tuple[frozenset[Part], ...] = (
 _FIRST_NOISE = Noise(1e-3, 1e-3)
 #: A stated noise is at most so many times the residuals: more is another unit, or another noise.
 _CREDIBLE = 1.5
-#: A squared residual counts at most so many medians: a few large ones decide nothing.
-_LARGEST_RATIO = 25.0
+#: Fits without series and networks are also made as if so many rows told as much as one.
+_REDUNDANCIES = (2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True)
@@ -85,18 +85,6 @@ class CalibrationOptions:
             raise InvalidValue("gravity", self.gravity, "a unit vector in the base frame")
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """How well a model with some of the parts predicts poses that it was not fitted to."""
-
-    parts: frozenset[Part]
-    parameters: int
-    #: Mean square of the held-out residuals, in squared standard deviations of the noise that the
-    #: best candidate leaves: 1 is noise alone.
-    score: float
-    standard_error: float  #: of its difference from the least score
-
-
 @dataclass(frozen=True, eq=False)
 class CalibratedRobot:
     """A robot calibrated with measured poses."""
@@ -106,8 +94,7 @@ class CalibratedRobot:
     measured: Dataset | Measurements
     frames: Frames  #: base, tool and fixed points, as far as they were unknown
     estimate: Estimate  #: the parameters of the model, and how well they are known
-    #: The models that were compared; ``estimate.model.parts`` was chosen.
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[Candidate, ...]  #: the fits that were compared; ``estimate`` is their mean
     outliers: NDArray[np.bool_]  #: ``(n,)`` the examples that were left out
     #: Known distances between fixed points, beside those that the arm itself tells.
     distances: tuple[FoundDistance, ...]
@@ -275,8 +262,14 @@ def _estimate(
     kept = observations.where(~outliers)
     _check_number(models[0], kept, int(outliers.sum()))
     fits = [_best_estimate(model, kept, options, rng) for model in models]
-    candidates = _judged(fits)
-    return fits[_chosen(candidates)], candidates, outliers, distances
+    fits += [
+        _best_estimate(model, replace(kept, redundancy=redundancy), options, rng)
+        for model in models
+        if not (model.has_networks or Part.JOINT_SERIES in model.parts)
+        for redundancy in _REDUNDANCIES
+    ]
+    found, candidates = combined(fits)
+    return found, candidates, outliers, distances
 
 
 def _check_number(simplest: ParametricModel, observations: Observations, outliers: int) -> None:
@@ -298,41 +291,6 @@ def _best_estimate(
         for _ in range(restarts)
     ]
     return min(fits, key=lambda found: found.noise.position)
-
-
-def _judged(fits: Sequence[Estimate]) -> tuple[Candidate, ...]:
-    """Held-out residuals of all in the noise of the fit that leaves least."""
-    rows = fits[0].observations.rows
-    best = min(fits, key=lambda found: found.noise.position).noise
-    unit = np.repeat([best.position, best.orientation], 3)[:rows]
-    squares = []
-    for found in fits:
-        scale = np.repeat([found.noise.position, found.noise.orientation], 3)[:rows] / unit
-        square = ((found.held_out_residuals * scale) ** 2).mean(axis=1)
-        squares.append(np.minimum(square, _LARGEST_RATIO * float(np.median(square))))
-    scores = [float(square.mean()) for square in squares]
-    least = squares[int(np.argmin(scores))]
-    return tuple(
-        Candidate(found.model.parts, found.model.size, score, _deviation(found, square - least))
-        for found, score, square in zip(fits, scores, squares, strict=True)
-    )
-
-
-def _deviation(found: Estimate, differences: FloatArray) -> float:
-    """Standard error of the mean of ``(n,)``; rows of a fold may not be independent."""
-    folds = found.observations.folds
-    parts = np.array([differences[folds == fold].mean() for fold in np.unique(folds)])
-    return float(parts.std(ddof=1)) / math.sqrt(len(parts))
-
-
-def _chosen(candidates: tuple[Candidate, ...]) -> int:
-    """The simplest candidate whose score is no more than a standard error from the best."""
-    best = min(candidates, key=lambda candidate: candidate.score)
-    return next(
-        index
-        for index, candidate in enumerate(candidates)
-        if candidate.score - candidate.standard_error <= best.score
-    )
 
 
 def credible_noise(found: Estimate, stated: tuple[float, float] | None) -> Noise:

@@ -48,9 +48,15 @@ class Estimate:
         return self.parameters[self.model.size :]
 
     @property
+    def unit(self) -> FloatArray:
+        """``(rows,)`` standard deviation of the noise [m], [rad]."""
+        kinds = [self.noise.position, self.noise.orientation]
+        return np.repeat(kinds, 3)[: self.observations.rows]
+
+    @property
     def cost(self) -> float:
         """Minimised sum of squares: weighted residuals and prior."""
-        squares = (self.residuals**2).sum(axis=1) @ self.observations.weights
+        squares = (self.residuals**2).sum(axis=1) @ self.observations.information
         distances = self.observations.distance_residuals(self.unknowns)
         scaled = self.parameters / self.own_prior
         return float(squares + distances @ distances + scaled @ scaled)
@@ -72,7 +78,7 @@ class Estimate:
         By a QR factorisation of the derivatives: their normal equations lose digits if the noise
         is small.
         """
-        weighted = self.derivatives * np.sqrt(self.observations.weights)[:, None, None]
+        weighted = self.derivatives * np.sqrt(self.observations.information)[:, None, None]
         size = len(self.parameters)
         distances = np.zeros((len(self.observations.distances), size))
         distances[:, self.model.size :] = self.observations.distance_derivatives(self.unknowns)
@@ -95,7 +101,7 @@ class Estimate:
     @cached_property
     def leverages(self) -> FloatArray:
         """Leverages ``(n, rows, rows)``: change of the fit per change of each measurement."""
-        weighted = self.derivatives * np.sqrt(self.observations.weights)[:, None, None]
+        weighted = self.derivatives * np.sqrt(self.observations.information)[:, None, None]
         drawn = (weighted.reshape(-1, weighted.shape[2]) @ self.root).reshape(weighted.shape)
         leverages: FloatArray = drawn @ np.swapaxes(drawn, 1, 2)
         return leverages
@@ -160,15 +166,16 @@ class Estimate:
         """
         used = self.used
         columns, distances = self.columns(used)
-        groups, weights = self.used_groups(used), self.observations.weights
-        whole = Equations.of(columns, weights, distances)
+        groups, observations = self.used_groups(used), self.observations
+        whole = Equations.of(columns, distances, observations)
         start = np.ones(2), self.parameters[used], self.own_prior[used]
         by_all = LinearFit(whole, *start).expected(predicted)
         held_out, ratios = predicted[..., -1].copy(), np.ones_like(by_all)
         least = LEAST_NOISE / np.array([self.noise.position, self.noise.orientation])
         for fold in np.unique(folds):
             rows = folds == fold
-            equations = whole.without(Equations.of(columns[rows], weights[rows], distances))
+            part = Equations.of(columns[rows], distances, observations.where(rows))
+            equations = whole.without(part)
             fit = LinearFit(equations, *start)
             for _ in range(_TURNS):
                 before = fit
@@ -235,7 +242,7 @@ def estimate(
     prior: FloatArray | None = None,
 ) -> Estimate:
     """Estimate by Levenberg-Marquardt from initial parameters ``(p,)`` or ``(p + u,)``."""
-    roots = np.sqrt(observations.weights)[:, None]
+    roots = np.sqrt(observations.information)[:, None]
     size = model.size + observations.frames.size
     start = np.concatenate([start, np.zeros(size - len(start))])
     scale = np.ones(size) if prior is None else prior
@@ -295,9 +302,10 @@ def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, 
     columns, distances = found.columns(used)
     groups = found.used_groups(used)
     least = LEAST_NOISE / np.array([found.noise.position, found.noise.orientation])
-    equations = Equations.of(columns, found.observations.weights, distances)
+    observations = found.observations
+    equations = Equations.of(columns, distances, observations)
     fit = LinearFit(equations, np.ones(2), found.parameters[used], found.own_prior[used])
-    settled, weights = False, found.observations.weights
+    settled = False
     for turn in range(_TURNS if number > _FIRST_SIZES else 1):
         before = fit
         # First gross errors of the geometry, or they count as noise; then the noise: while it is
@@ -309,25 +317,23 @@ def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, 
         left = columns @ np.append(before.step, 1.0)
         squares = ((left / np.repeat(noise, 3)[: left.shape[1]]) ** 2).sum(axis=1)
         weights = own * (HEAVINESS + left.shape[1]) / (HEAVINESS + squares)
-        equations = Equations.of(columns, weights, distances)
+        observations = observations.weighted(weights)
+        equations = Equations.of(columns, distances, observations)
         fit = LinearFit(equations, noise, before.around, prior)
         if fit.distance_from(before) < _SETTLED:
             settled = turn == 0 and number > _FIRST_SIZES
             break
-    return _moved(found, fit, used, weights), settled
+    return _moved(replace(found, observations=observations), fit, used), settled
 
 
-def _moved(
-    found: Estimate, fit: LinearFit, used: NDArray[np.int64], weights: FloatArray
-) -> Estimate:
+def _moved(found: Estimate, fit: LinearFit, used: NDArray[np.int64]) -> Estimate:
     """After the step of a fit, of half the length for as long as the cost grows."""
     position, orientation = fit.noise.tolist()
     noise = Noise(found.noise.position * position, found.noise.orientation * orientation)
     parameters, step = np.zeros((2, len(found.parameters)))
     prior = np.full(len(parameters), LEAST_SIZE)
     parameters[used], step[used], prior[used] = fit.around, fit.step, fit.prior
-    observations = found.observations.weighted(weights)
-    here = Estimate(found.model, parameters, observations, noise, prior)
+    here = Estimate(found.model, parameters, found.observations, noise, prior)
     for _ in range(_HALVINGS):
         moved = replace(here, parameters=parameters + step)
         if moved.cost <= here.cost:

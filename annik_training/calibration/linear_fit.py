@@ -18,6 +18,7 @@ from scipy.linalg import cholesky
 from scipy.linalg.lapack import dpotri
 
 from annik_core.pose import FloatArray
+from annik_training.calibration.observations import Observations
 
 #: Degrees of freedom of Student's distribution, of residuals and of errors of the geometry.
 HEAVINESS = 4.0
@@ -37,11 +38,11 @@ class Equations(NamedTuple):
     def of(
         cls,
         columns: FloatArray,
-        weights: FloatArray,
         distances: FloatArray,
+        observations: Observations,
     ) -> "Equations":
-        """Of columns ``(n, rows, p + 1)`` with weights ``(n,)``, and ``(distances, p + 1)``."""
-        weighted = columns * np.sqrt(weights)[:, None, None]
+        """Of columns ``(n, rows, p + 1)``, and ``(distances, p + 1)``."""
+        weighted = columns * np.sqrt(observations.information)[:, None, None]
         positions, orientations = (
             part.T @ part
             for part in (
@@ -50,7 +51,7 @@ class Equations(NamedTuple):
             )
         )
         rows = np.array([3, columns.shape[1] - 3], dtype=np.float64)
-        counts = np.count_nonzero(weights) * rows
+        counts = np.count_nonzero(observations.weights) / observations.redundancy * rows
         return cls(positions, orientations, distances.T @ distances, counts)
 
     def without(self, other: "Equations") -> "Equations":

@@ -158,6 +158,15 @@ class ParametricModel:
             groups += [series[..., np.array(band) - 1].ravel() for band in BANDS]
         return tuple(groups)
 
+    def indices_in(self, other: "ParametricModel") -> NDArray[np.int64]:
+        """Where its parameters, none of networks, are in a model with these parts and others."""
+        names = [error.name for error in other.errors]
+        start, own = other._series_start, self._series_start - len(self.errors)
+        geometry = [names.index(error.name) for error in self.errors]
+        deflection = range(len(names), start)[:own]
+        series = range(start, other.size)[: self.size - self._series_start]
+        return np.array([*geometry, *deflection, *series], dtype=np.int64)
+
     @property
     def has_networks(self) -> bool:
         """Whether parameters are weights of networks, far from linear."""

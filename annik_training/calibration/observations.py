@@ -54,6 +54,8 @@ class Observations:
     has_orientation: bool  #: whether the rotations were measured; if not, they are arbitrary
     weights: FloatArray  #: ``(n,)`` weight of each example, 0 to 1
 
+    #: So many rows tell as much as one: what a model leaves of neighbours may resemble each other.
+    redundancy: float = 1.0
     frames: Frames = field(default_factory=Frames.known)
     #: ``(n,)`` row of ``frames.points`` that is touched; None if positions were measured.
     fixed_points: NDArray[np.int64] | None = None
@@ -104,6 +106,11 @@ class Observations:
     def rows(self) -> int:
         """Measured numbers per example."""
         return 6 if self.has_orientation else 3
+
+    @property
+    def information(self) -> FloatArray:
+        """``(n,)`` weight of each example in a fit."""
+        return self.weights / self.redundancy
 
     @cached_property
     def placements(self) -> NDArray[np.int64] | None:

@@ -218,6 +218,10 @@ def _held_out_factors(
     counted = fitted.observations.weights > 0.0
     unseen = fitted.unseen_residuals
     held_out = fitted.held_out_residuals if unseen is None else unseen
+    placements, elsewhere = fitted.observations.placements, 1.0
+    if placements is not None:
+        # A new place differs from the mean of some places by more than they differ from it.
+        elsewhere = math.sqrt(1.0 + 1.0 / (1.0 + float(placements.max())))
     for index, (rows, scale, known) in enumerate(
         (
             (slice(0, 3), fitted.noise.position, measured_noise.position),
@@ -233,7 +237,8 @@ def _held_out_factors(
         least = _LEAST_FACTORS[0 if known < 0.5 * scale else 1]
         if fitted.observations.fixed_points is not None:
             least = _LEAST_FACTORS[2]
-        factors[index] = max(least, float(np.quantile(ratios, level)), 0.1 * float(ratios.max()))
+        largest = max(float(np.quantile(ratios, level)), 0.1 * float(ratios.max()))
+        factors[index] = max(least, largest * elsewhere)
     return factors[0], factors[1]
 
 

@@ -30,6 +30,7 @@ from annik_training.cli.calibration_report import (
     calibration_report,
     errors_by_row,
     findings,
+    shown,
     warnings,
     write_calibration_report,
 )
@@ -236,13 +237,14 @@ def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
 
 def _print_calibration(calibrated: "CalibratedRobot") -> None:
     """Print the parts of the model, errors, outliers, frames, and what was not identified."""
-    table = Table("parts of the model", "parameters", "left-out error", "")
-    for candidate in calibrated.candidates:
+    table = Table("parts of the model", "parameters", "rows as one", "left-out error", "weight")
+    for candidate in shown(calibrated.candidates):
         table.add_row(
             ", ".join(_names(candidate.parts)),
             str(candidate.parameters),
+            f"{candidate.redundancy:g}",
             f"{candidate.score:.3g} ± {candidate.standard_error:.1g}",
-            "used" if candidate.parts == calibrated.estimate.model.parts else "",
+            f"{candidate.weight:.2f}" if candidate.weight else "",
         )
     table.caption = "mean square, in squared standard deviations of the noise: 1 is noise alone"
     Console().print(table)

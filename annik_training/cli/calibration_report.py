@@ -27,7 +27,7 @@ from annik_training.designs.identifiability_design import most_informative
 
 if TYPE_CHECKING:
     from annik_training import CalibratedRobot
-    from annik_training.calibration.calibrate import Candidate
+    from annik_training.calibration.combination import Candidate
 
 #: Joint positions to measure next, chosen from so many.
 _FOLLOWING, _CANDIDATES = 10, 300
@@ -251,9 +251,14 @@ def calibration_report(calibrated: "CalibratedRobot", places: Sequence[str]) -> 
         *_following(calibrated, places),
         tuple(findings(calibrated)),
         tuple(warnings(calibrated)),
-        calibrated.candidates,
+        tuple(shown(calibrated.candidates)),
         tuple(joint_corrections(calibrated)),
     )
+
+
+def shown(candidates: Iterable["Candidate"]) -> "Iterator[Candidate]":
+    """Those that are used, and one of each set of parts."""
+    return (one for one in candidates if one.weight or one.redundancy == 1.0)
 
 
 def by_joint(names: Iterable[str]) -> dict[str, list[str]]:

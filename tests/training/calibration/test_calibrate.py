@@ -31,8 +31,6 @@ from annik_training.calibration import errors
 from annik_training.calibration.calibrate import (
     CalibratedRobot,
     CalibrationOptions,
-    Candidate,
-    _chosen,
     calibrate,
     credible_noise,
 )
@@ -194,15 +192,12 @@ class TestWhatIsSaid:
     def test_candidates_are_judged_by_what_they_did_not_see(
         self, learned: CalibratedRobot
     ) -> None:
-        assert [candidate.parameters for candidate in learned.candidates] == [
-            26,
-            35,
-            56,
-            410,
-            419,
-            440,
-        ]
+        numbers = [(one.parameters, one.redundancy) for one in learned.candidates]
+        assert numbers[:6] == [(26, 1), (35, 1), (56, 1), (410, 1), (419, 1), (440, 1)]
+        assert numbers[6:] == [(size, factor) for size in (26, 35, 56) for factor in (2, 4, 8)]
         rigid, _, _, gears, *_ = learned.candidates
+        assert sum(one.weight for one in learned.candidates) == pytest.approx(1.0)
+        assert gears.weight == 1.0
         assert gears.score == pytest.approx(1.1, abs=0.2)
         assert rigid.score > 100.0 * gears.score
         summary = calibration_summary(learned)
@@ -222,16 +217,6 @@ class TestWhatIsSaid:
             assert 0.85 <= (error <= bound).mean() <= 1.0
             # And it says something: it is not ten times too large.
             assert bound.mean() < 5.0 * np.quantile(error, 0.95)
-
-
-@pytest.mark.parametrize(
-    ("scores", "chosen"),
-    [((1.5, 1.05, 1.0), 1), ((1.5, 1.2, 1.0), 2), ((1.125, 1.0, 1.2), 0), ((1.0, 1.0), 0)],
-)
-def test_the_simplest_within_a_standard_error_of_the_best_is_chosen(
-    scores: tuple[float, ...], chosen: int
-) -> None:
-    assert _chosen(tuple(Candidate(frozenset(), 1, score, 0.125) for score in scores)) == chosen
 
 
 @pytest.mark.slow
