@@ -51,6 +51,8 @@ _FIRST_NOISE = Noise(1e-3, 1e-3)
 _CREDIBLE = 1.5
 #: Fits without series and networks are also made as if so many rows told as much as one.
 _REDUNDANCIES = (2.0, 4.0, 8.0)
+#: The same of fixed points at one placement: what its rows have in common, none of them tells.
+_REDUNDANCY_OF_A_PLACE = 2.0
 
 
 @dataclass(frozen=True)
@@ -260,13 +262,15 @@ def _estimate(
     )
     distances = found_distances(fitted, observations) if observations.distances else ()
     kept = observations.where(~outliers)
+    if kept.placements is not None and not kept.placements.any():
+        kept = replace(kept, redundancy=_REDUNDANCY_OF_A_PLACE)
     _check_number(models[0], kept, int(outliers.sum()))
     fits = [_best_estimate(model, kept, options, rng) for model in models]
     fits += [
-        _best_estimate(model, replace(kept, redundancy=redundancy), options, rng)
+        _best_estimate(model, replace(kept, redundancy=factor * kept.redundancy), options, rng)
         for model in models
         if not (model.has_networks or Part.JOINT_SERIES in model.parts)
-        for redundancy in _REDUNDANCIES
+        for factor in _REDUNDANCIES
     ]
     found, candidates = combined(fits)
     return found, candidates, outliers, distances

@@ -179,7 +179,7 @@ class Estimate:
             fit = LinearFit(equations, *start)
             for _ in range(_TURNS):
                 before = fit
-                prior = before.sizes_found(len(self.model.errors), groups)
+                prior = before.sizes_found(self.tailed, groups)
                 fit = LinearFit(equations, before.noise_found(least), before.around, prior)
                 if fit.distance_from(before) < _SETTLED:
                     break
@@ -190,6 +190,16 @@ class Estimate:
     def used_groups(self, used: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """The groups of the model's parameters among those that are used."""
         return [np.searchsorted(used, group) for group in self.model.groups if group[0] in used]
+
+    @property
+    def tailed(self) -> int:
+        """Number of parameters, the first, whose prior is Student's distribution.
+
+        Those of the geometry. Without a measured length all of them are Gaussian: an arm without
+        any length would explain fixed points best, and gross errors of all lengths cost too little
+        to prevent it.
+        """
+        return len(self.model.errors) if self.observations.has_length else 0
 
     @property
     def used(self) -> NDArray[np.int64]:
@@ -311,9 +321,7 @@ def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, 
         # First gross errors of the geometry, or they count as noise; then the noise: while it is
         # far too large, no group seems to be needed.
         noise = before.noise_found(least) if number > 0 else before.noise
-        prior = before.sizes_found(
-            len(found.model.errors), groups if number >= _FIRST_SIZES else ()
-        )
+        prior = before.sizes_found(found.tailed, groups if number >= _FIRST_SIZES else ())
         left = columns @ np.append(before.step, 1.0)
         squares = ((left / np.repeat(noise, 3)[: left.shape[1]]) ** 2).sum(axis=1)
         weights = own * (HEAVINESS + left.shape[1]) / (HEAVINESS + squares)

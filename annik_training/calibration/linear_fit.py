@@ -122,15 +122,15 @@ class LinearFit:
                 noise[kind] = math.sqrt(max(float(whole @ sums @ whole), 0.0) / left)
         return np.maximum(noise, least)
 
-    def sizes_found(self, geometry: int, groups: Sequence[NDArray[np.int64]]) -> FloatArray:
+    def sizes_found(self, tailed: int, groups: Sequence[NDArray[np.int64]]) -> FloatArray:
         """Prior ``(p,)`` with the size of greatest evidence of each group [MacKay1992]_.
 
-        The first parameters are those of the geometry, with Student's distribution: one gross
-        error is no reason to doubt all.
+        The first ``tailed`` parameters have Student's distribution: one gross error is no reason
+        to doubt all.
         """
         prior, found = self.prior.copy(), self.around + self.step
-        squares = found[:geometry] ** 2
-        prior[:geometry] = np.sqrt(np.maximum(1.0, (HEAVINESS + squares) / (HEAVINESS + 1.0)))
+        squares = found[:tailed] ** 2
+        prior[:tailed] = np.sqrt(np.maximum(1.0, (HEAVINESS + squares) / (HEAVINESS + 1.0)))
         variances = np.diag(self.covariance)
         for group in groups:
             known = len(group) - float((variances[group] / self.prior[group] ** 2).sum())

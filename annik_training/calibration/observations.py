@@ -108,6 +108,11 @@ class Observations:
         return 6 if self.has_orientation else 3
 
     @property
+    def has_length(self) -> bool:
+        """Whether any length was measured: positions, or distances between fixed points."""
+        return self.fixed_points is None or bool(self.distances)
+
+    @property
     def information(self) -> FloatArray:
         """``(n,)`` weight of each example in a fit."""
         return self.weights / self.redundancy

@@ -256,9 +256,10 @@ def calibration_report(calibrated: "CalibratedRobot", places: Sequence[str]) -> 
     )
 
 
-def shown(candidates: Iterable["Candidate"]) -> "Iterator[Candidate]":
+def shown(candidates: Sequence["Candidate"]) -> "Iterator[Candidate]":
     """Those that are used, and one of each set of parts."""
-    return (one for one in candidates if one.weight or one.redundancy == 1.0)
+    least = min(one.redundancy for one in candidates)
+    return (one for one in candidates if one.weight or one.redundancy == least)
 
 
 def by_joint(names: Iterable[str]) -> dict[str, list[str]]:
