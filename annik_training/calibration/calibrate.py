@@ -53,6 +53,9 @@ _CREDIBLE = 1.5
 _REDUNDANCIES = (2.0, 4.0, 8.0)
 #: The same of fixed points at one placement: what its rows have in common, none of them tells.
 _REDUNDANCY_OF_A_PLACE = 2.0
+#: Without a measured length rows tell no more than so many: a smaller arm has smaller residuals,
+#: and the more they count, the more it shrinks.
+_ROWS_WITHOUT_LENGTH = 100
 
 
 @dataclass(frozen=True)
@@ -171,8 +174,8 @@ def calibrate(
     rng = np.random.default_rng(options.seed)
     simplest = ParametricModel(robot, options.candidates[0])
     _check_number(simplest, observations, 0)
-    check_moved(robot, observations, _FIRST_NOISE, rng)
     observations = replace(observations, frames=_frames(robot, measured, observations))
+    check_moved(robot, observations, _FIRST_NOISE, rng)
     found, candidates, outliers, distances = _estimate(robot, observations, options, rng)
     check_explained(found, rng)
     frames = found.observations.frames.moved(found.unknowns)
@@ -257,13 +260,17 @@ def _estimate(
     # Without the known distances, which could be wrong too.
     outliers, fitted = find_outliers(
         max(linear, key=lambda model: model.size),
-        replace(observations, distances=()),
+        _with_redundancy(replace(observations, distances=())),
         _FIRST_NOISE,
     )
     distances = found_distances(fitted, observations) if observations.distances else ()
-    kept = observations.where(~outliers)
-    if kept.placements is not None and not kept.placements.any():
-        kept = replace(kept, redundancy=_REDUNDANCY_OF_A_PLACE)
+    credible = [
+        known
+        for known, found in zip(observations.distances, distances, strict=True)
+        if not found.is_another
+    ]
+    kept = replace(observations.where(~outliers), distances=tuple(credible))
+    kept = _with_redundancy(kept)
     _check_number(models[0], kept, int(outliers.sum()))
     fits = [_best_estimate(model, kept, options, rng) for model in models]
     fits += [
@@ -274,6 +281,17 @@ def _estimate(
     ]
     found, candidates = combined(fits)
     return found, candidates, outliers, distances
+
+
+def _with_redundancy(observations: Observations) -> Observations:
+    """The same, with how many rows tell as much as one before any fit."""
+    redundancy = 1.0
+    if not observations.has_length:
+        redundancy = max(1.0, len(observations) / _ROWS_WITHOUT_LENGTH)
+    placements = observations.placements
+    if placements is not None and not placements.any():
+        redundancy = max(redundancy, _REDUNDANCY_OF_A_PLACE)
+    return replace(observations, redundancy=redundancy)
 
 
 def _check_number(simplest: ParametricModel, observations: Observations, outliers: int) -> None:

@@ -150,7 +150,8 @@ class DegenerateExamples(CalibrationError):
             f"with these poses, errors of {1e3 * expected[0]:.2g} mm and "
             f"{math.degrees(expected[1]):.2g} degrees remain in the joint box, {fraction:.0%} of "
             f"those without any measurement: measure poses in which {', '.join(joints)} "
-            f"{'moves' if len(joints) == 1 else 'move'} through the whole box"
+            f"{'moves' if len(joints) == 1 else 'move'} through the whole box, or, for a robot "
+            "whose joint stays where it is, lock it there: --joint-box JOINT=POSITION"
         )
 
 

@@ -80,10 +80,11 @@ class MeasuredRows:
     ) -> Measurements:
         """These rows for a calibration; each socket of each placement is a fixed point.
 
-        ``socket_distance`` is that between the two sockets of every placement [m].
+        ``socket_distance`` is that between the two sockets of every placement [m]; where only one
+        was touched, it tells nothing.
 
         Raises:
-            InvalidValue: if it is given, and a placement has other than two sockets.
+            InvalidValue: if it is given, and a placement has more sockets, or none has two.
         """
         if self.sockets is None:
             if socket_distance is not None:
@@ -101,10 +102,14 @@ class MeasuredRows:
         if socket_distance is not None:
             for placement in dict.fromkeys(placement for placement, _ in points):
                 pair = [number for (other, _), number in points.items() if other == placement]
-                if len(pair) != 2:
+                if len(pair) == 2:
+                    distances.append(KnownDistance(pair[0], pair[1], socket_distance))
+                elif len(pair) > 2:
                     allowed = f"none: {placement} has {len(pair)} sockets, not two"
                     raise InvalidValue("socket distance", socket_distance, allowed)
-                distances.append(KnownDistance(pair[0], pair[1], socket_distance))
+            if not distances:
+                allowed = "none: no placement has two sockets"
+                raise InvalidValue("socket distance", socket_distance, allowed)
         return Measurements(
             self.joint_positions,
             fixed_points=numbers,
@@ -115,16 +120,24 @@ class MeasuredRows:
 
 
 def read_measurements(
-    robot: Robot, paths: Sequence[str | Path], units: Units | None = None
+    robot: Robot,
+    paths: Sequence[str | Path],
+    units: Units | None = None,
+    *,
+    position_only: bool = False,
 ) -> MeasuredRows:
-    """The rows of tables, one after the other.
+    """The rows of tables, one after the other; with ``position_only`` without orientations.
 
     Raises:
         UnreadableMeasurements: naming file, line, column and value of what is wrong.
         UnlikelyUnits: if angles or lengths are of another size than the robot's.
         InvalidValue: if a unit is unknown.
     """
-    return _joined(robot, [_read_table(robot, Path(path), _checked(units)) for path in paths])
+    units = _checked(units)
+    return _joined(
+        robot,
+        [_read_table(robot, Path(path), units, position_only=position_only) for path in paths],
+    )
 
 
 def read_sockets(
@@ -261,7 +274,12 @@ class _Table:
 
 
 def _read_table(
-    robot: Robot, path: Path, units: Units, *, joints_only: bool = False
+    robot: Robot,
+    path: Path,
+    units: Units,
+    *,
+    joints_only: bool = False,
+    position_only: bool = False,
 ) -> MeasuredRows:
     lines = _lines(path)
     (number, header), *rest = lines
@@ -290,7 +308,8 @@ def _read_table(
             raise UnreadableMeasurements(
                 path, f"it has both positions and the column {SOCKET}: leave out one of them", 1
             )
-        positions, rotations = table.numbers(POSITION), _rotations(table)
+        positions = table.numbers(POSITION)
+        rotations = None if position_only else _rotations(table)
         _check_lengths(robot, table, joint_positions, positions)
     elif sockets is None:
         raise UnreadableMeasurements(
@@ -310,7 +329,7 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
     except ValueError as error:
         problem = f"not a table in UTF-8 ({error}): save it as CSV"
         raise UnreadableMeasurements(path, problem) from error
-    first = next((line for line in text.splitlines() if line.strip()), "")
+    text, first = _without_comments(text)
     delimiter = max(";\t,", key=first.count)
     rows: Iterator[tuple[int, list[str]]]
     if delimiter in first:
@@ -330,6 +349,22 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
     # NumPy writes a header as a comment.
     lines[0][1][0] = lines[0][1][0].removeprefix("#").strip()
     return lines
+
+
+def _without_comments(text: str) -> tuple[str, str]:
+    """Text whose comments above the table are empty lines, and the first line that is not.
+
+    The last of them is the header if numbers follow: NumPy writes it as a comment.
+    """
+    lines = text.splitlines()
+    begin = next((n for n, line in enumerate(lines) if line.strip()[:1] not in ("", "#")), 0)
+    comments = [number for number, line in enumerate(lines[:begin]) if line.strip()]
+    cells = re.split(r"[;,\s]+", lines[begin].strip()) if lines else []
+    if comments and all(map(_is_number, filter(None, cells))):
+        begin = comments.pop()
+    for number in comments:
+        lines[number] = ""
+    return "\n".join(lines), lines[begin] if lines else ""
 
 
 def _columns(

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import Dataset
@@ -17,6 +18,8 @@ from annik_training.calibration.model import Evaluated
 
 #: Number of parts of the rows that are left out in turn.
 _FOLDS = 10
+#: Rows that are nearer in joint space have nearly the same errors [rad or m].
+_SAME_PLACE = 0.1
 #: Least number of placements in a fit that chooses between models.
 _LEFT = 2
 #: Standard deviation of a known distance between fixed points [m].
@@ -136,15 +139,17 @@ class Observations:
     def folds(self) -> NDArray[np.int64]:
         """``(n,)`` number of the fold with which each row is left out of a fit.
 
-        At random. At a fixed point rows that were recorded one after the other resemble each
+        At random, but together with rows of nearly the same joint positions, whose errors are the
+        same. At a fixed point rows that were recorded one after the other resemble each
         other, so that a third of its rows is left out together, or the whole placement, for
         errors that depend on the place.
         """
         if self.leaves_placements_out:
             assert self.placements is not None
             return self.placements
-        blocks = np.arange(len(self))
+        blocks = self._neighbourhoods
         if self.fixed_points is not None:
+            blocks = np.zeros_like(blocks)
             for point in np.unique(self.fixed_points):
                 rows = np.flatnonzero(self.fixed_points == point)
                 blocks[rows] = rows[len(rows) * np.arange(3) // 3].repeat(
@@ -152,6 +157,16 @@ class Observations:
                 )
         numbers, block = np.unique(blocks, return_inverse=True)
         return (np.random.default_rng(0).permutation(len(numbers)) % _FOLDS)[block]
+
+    @property
+    def _neighbourhoods(self) -> NDArray[np.int64]:
+        """``(n,)`` number of the first row that is near in joint space, each row in one group."""
+        tree, numbers = KDTree(self.joint_positions), np.full(len(self), -1)
+        for row, joint_positions in enumerate(self.joint_positions):
+            if numbers[row] < 0:
+                near = np.array(tree.query_ball_point(joint_positions, _SAME_PLACE))
+                numbers[near[numbers[near] < 0]] = row
+        return numbers if numbers.any() else np.arange(len(self))
 
     def elsewhere(
         self, joint_positions: FloatArray, fixed_points: NDArray[np.int64] | None

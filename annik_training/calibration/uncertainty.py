@@ -34,6 +34,8 @@ _PARTS = 40
 CONFIDENCE = 0.95
 #: More than the confidence, since sizes and noise of the fit know the example that is left out.
 _MARGIN = 0.015
+#: A quantile of few residuals is uncertain: it is widened by so many times one over their number.
+_FEW = 5.0
 #: A bound shrinks at most by this factor; by the second one where the residuals are mostly the
 #: known noise of the measurements, so that they tell little of the robot; by the third with fixed
 #: points, whose few placements tell little of other places.
@@ -238,7 +240,7 @@ def _held_out_factors(
         if fitted.observations.fixed_points is not None:
             least = _LEAST_FACTORS[2]
         largest = max(float(np.quantile(ratios, level)), 0.1 * float(ratios.max()))
-        factors[index] = max(least, largest * elsewhere)
+        factors[index] = max(least, largest * elsewhere * (1.0 + _FEW / len(ratios)))
     return factors[0], factors[1]
 
 

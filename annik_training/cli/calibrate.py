@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -160,13 +160,13 @@ def calibrate(
         seed=seed,
         gravity=(gravity[0] / length, gravity[1] / length, gravity[2] / length),
     )
-    robot, measurements, places = _measured(measured, choices)
+    robot, measurements, places = _measured(measured, position_only, choices)
     if report is not None:
         ensure_writable_folder(report)
     for path in filter(None, (out, urdf_out, summary)):
         ensure_writable_folder(path.parent)
     calibrated = annik_training.calibrate(robot, measurements, options)
-    _print_calibration(calibrated)
+    _print_calibration(calibrated, places)
     if report is not None:
         write_calibration_report(calibration_report(calibrated, places), report)
         click.echo(f"wrote {report / 'report.html'}")
@@ -195,7 +195,7 @@ def _description(source: str | None) -> str | None:
 
 
 def _measured(
-    measured: Path | None, choices: dict[str, Any]
+    measured: Path | None, position_only: bool, choices: dict[str, Any]
 ) -> tuple[Robot, Dataset | Measurements, list[str]]:
     """The nominal robot, what was measured on it, from one of the three sources, and its rows."""
     tables, folders = choices["measurements"], choices["sockets"]
@@ -209,9 +209,10 @@ def _measured(
         raise click.UsageError("give --robot: these files don't say which robot was measured")
     robot = chosen_robot(choices)
     units = Units(choices["length_unit"], choices["angle_unit"])
-    rows = (
-        read_sockets(robot, folders, units) if folders else read_measurements(robot, tables, units)
-    )
+    if folders:
+        rows = read_sockets(robot, folders, units)
+    else:
+        rows = read_measurements(robot, tables, units, position_only=position_only)
     for note in rows.notes:
         click.echo(f"annik: {note}", err=True)
     measurements = rows.measurements(
@@ -235,7 +236,7 @@ def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
     }
 
 
-def _print_calibration(calibrated: "CalibratedRobot") -> None:
+def _print_calibration(calibrated: "CalibratedRobot", places: Sequence[str]) -> None:
     """Print the parts of the model, errors, outliers, frames, and what was not identified."""
     table = Table("parts of the model", "parameters", "rows as one", "left-out error", "weight")
     for candidate in shown(calibrated.candidates):
@@ -265,11 +266,10 @@ def _print_calibration(calibrated: "CalibratedRobot") -> None:
     )
     for what, value in findings(calibrated):
         click.echo(f"{what}: {value}")
-    for warning in warnings(calibrated):
+    for warning in warnings(calibrated, places):
         click.echo(f"annik: {warning}", err=True)
     if outliers.any():
-        numbers = ", ".join(map(str, np.flatnonzero(outliers)))
-        click.echo(f"outliers, by their row in the dataset: {numbers}")
+        click.echo(f"outliers: {'; '.join(places[row] for row in np.flatnonzero(outliers).tolist())}")
     if calibrated.unidentified:
         click.echo("not identified by these poses, left near nominal:")
         for joint, kinds in by_joint(calibrated.unidentified).items():

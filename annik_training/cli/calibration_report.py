@@ -169,10 +169,18 @@ def findings(calibrated: "CalibratedRobot") -> Iterator[tuple[str, str]]:
         )
 
 
-def warnings(calibrated: "CalibratedRobot") -> Iterator[str]:
-    """What to look at before the calibration is used."""
-    if any(one.is_doubtful for one in calibrated.distances):
-        yield "by the arm, the sockets have another distance: check --socket-distance"
+def warnings(calibrated: "CalibratedRobot", places: Sequence[str] = ()) -> Iterator[str]:
+    """What to look at before the calibration is used; ``places`` are those of its rows."""
+    for one in calibrated.distances:
+        if not (one.is_doubtful or one.is_another):
+            continue
+        first, second = _files(calibrated, places, one[:2]) if places else map(str, one[:2])
+        yield (
+            f"by the arm, the sockets {first} and {second} are {1e3 * one.found:.2f} ± "
+            f"{1e3 * one.deviation:.2f} mm apart, not {1e3 * one.known:.2f}"
+            f"{': this distance is not used' * one.is_another}; check --socket-distance, which "
+            "file is which socket, and whether their base was moved"
+        )
     if calibrated.repeatability is not None and calibrated.repeatability.is_play:
         yield (
             f"the arm has play or friction of {1e3 * calibrated.repeatability.distance:.2f} mm, "
@@ -250,7 +258,7 @@ def calibration_report(calibrated: "CalibratedRobot", places: Sequence[str]) -> 
         parameters,
         *_following(calibrated, places),
         tuple(findings(calibrated)),
-        tuple(warnings(calibrated)),
+        tuple(warnings(calibrated, places)),
         tuple(shown(calibrated.candidates)),
         tuple(joint_corrections(calibrated)),
     )
@@ -287,10 +295,19 @@ def _following(
     chosen = most_informative(rows, min(_FOLLOWING, len(candidates)), found.covariance)
     if points is None:
         return candidates[chosen], []
-    whole = Observations.of(calibrated.measured).fixed_points
-    assert whole is not None
-    files = [places[int(np.flatnonzero(whole == point)[0])] for point in points[chosen]]
-    return candidates[chosen], [file.rpartition(", line")[0] for file in files]
+    return candidates[chosen], _files(calibrated, places, points[chosen])
+
+
+def _files(
+    calibrated: "CalibratedRobot", places: Sequence[str], points: Iterable[int]
+) -> list[str]:
+    """The files of the rows at fixed points."""
+    touched = Observations.of(calibrated.measured).fixed_points
+    assert touched is not None
+    return [
+        places[int(np.flatnonzero(touched == point)[0])].rpartition(", line")[0]
+        for point in points
+    ]
 
 
 def _at_points(

@@ -78,6 +78,22 @@ class TestTable:
         columns = {**pose_columns(), **dict(reversed(joint_columns().items()))}
         check(read(tmp_path, table(columns, delimiter, end, mark)))
 
+    @pytest.mark.parametrize("mark", ["", "# "])
+    def test_comments_above_it_are_left_out(self, tmp_path: Path, mark: str) -> None:
+        comments = "# measured with a tracker, 21.5 degrees\n\n#second; line\n"
+        text = table({**joint_columns(), **pose_columns()})
+        rows = read(tmp_path, comments + mark + text)
+        assert np.allclose(rows.joint_positions, JOINT_POSITIONS, rtol=0, atol=1e-12)
+        assert [line for _, line in rows.places] == list(range(5, 17))
+
+    def test_orientations_that_are_none_can_be_left_out(self, tmp_path: Path) -> None:
+        zeros = {name: np.zeros(12) for name in ("qx", "qy", "qz", "qw")}
+        path = tmp_path / "measured.csv"
+        path.write_text(table({**joint_columns(), **pose_columns(), **zeros}))
+        rows = read_measurements(UR5E, [path], position_only=True)
+        assert rows.positions is not None
+        assert rows.rotations is None
+
     def test_with_decimal_commas(self, tmp_path: Path) -> None:
         text = table({**joint_columns(), **pose_columns()}, ";").replace(".", ",")
         check(read(tmp_path, text))
@@ -284,6 +300,14 @@ class TestSockets:
         assert measurements.fixed_points.tolist() == [n for n in range(4) for _ in range(6)]
         assert list(measurements.distances) == [(0, 1, 0.05), (2, 3, 0.05)]
         assert not rows.measurements().distances
+
+    def test_a_place_with_one_socket_has_no_distance(self, tmp_path: Path) -> None:
+        folder = self.folder(tmp_path)
+        (folder / "right" / "hole_1.csv").unlink()
+        measurements = read_sockets(UR5E, [folder]).measurements(socket_distance=0.05)
+        assert list(measurements.distances) == [(0, 1, 0.05)]
+        with pytest.raises(InvalidValue):
+            read_sockets(UR5E, [folder / "right"]).measurements(socket_distance=0.05)
 
     def test_a_distance_is_between_two(self, tmp_path: Path) -> None:
         columns = {**joint_columns(), "socket": np.arange(12) % 3}

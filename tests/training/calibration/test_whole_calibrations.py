@@ -18,7 +18,7 @@ from support.imperfect_ur5e import NOISE, ImperfectUr5e, noisy, poses_of, touchi
 from annik_core.errors import AnnikError
 from annik_core.robots.library import load_robot
 from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
-from annik_training.calibration.errors import OtherDistance
+from annik_training.calibration.errors import DegenerateExamples, OtherDistance
 from annik_training.calibration.measurements import KnownDistance, Measurements
 from annik_training.calibration.model import Part
 
@@ -114,6 +114,63 @@ def test_another_distance_of_the_sockets_is_refused(distance: float) -> None:
         calibrate(UR5E, in_sockets(distance), QUICK)
     assert caught.value.known == distance
     assert caught.value.found == pytest.approx(0.05, abs=2e-3)
+
+
+def test_one_distance_of_another_base_is_not_used() -> None:
+    """As after a base was moved between its two sockets."""
+    measurements = in_sockets()
+    *others, last = measurements.distances
+    found = calibrate(
+        UR5E, replace(measurements, distances=[*others, last._replace(metres=0.06)]), QUICK
+    )
+    assert [one.is_another for one in found.distances] == [False, False, True]
+    errors, bounds = errors_over_bounds(found)
+    assert errors.mean() < 1.5e-4
+    assert (errors <= bounds).mean() > 0.9
+
+
+@pytest.mark.parametrize("distance", [0.05, None])
+def test_an_arm_does_not_shrink_to_fit_many_rows(distance: float | None) -> None:
+    """Without any length it would fit fixed points best."""
+    parts = [touching(TRUTH, TOOL[:3, 3], point, 120, seed) for seed, point in enumerate(POINTS)]
+    rows = np.concatenate(parts)
+    numbers = np.repeat(np.arange(6), [len(part) for part in parts])
+    rows += np.random.default_rng(2).normal(0.0, 3e-4, rows.shape)
+    pairs = ((0, 1), (2, 3), (4, 5)) if distance else ()
+    distances = [KnownDistance(*pair, 0.05) for pair in pairs]
+    found = calibrate(UR5E, Measurements(rows, fixed_points=numbers, distances=distances), QUICK)
+    assert found.estimate.noise.position > 5e-5
+    points = found.frames.points
+    for first, second in ((0, 2), (2, 4), (1, 5)):
+        true = float(np.linalg.norm(POINTS[first] - POINTS[second]))
+        assert np.linalg.norm(points[first] - points[second]) == pytest.approx(true, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("each", [3, 10])
+def test_a_pose_that_was_measured_again_tells_nothing_of_others(each: int) -> None:
+    """The bound holds all the same, with errors of the gears that 40 poses don't show."""
+    rng = np.random.default_rng(0)
+    truth = ImperfectUr5e.drawn(1)
+    joint_positions = np.repeat(UR5E.joint_box.sample(40, np.random.default_rng(3)), each, axis=0)
+    joint_positions += rng.normal(0.0, 1e-3, joint_positions.shape)
+    positions = truth.matrices(joint_positions)[:, :3, 3] + rng.normal(0.0, 2e-5, (40 * each, 3))
+    found = calibrate(UR5E, Measurements(joint_positions, positions))
+    model = found.robot.forward_kinematics.poses(ELSEWHERE)
+    where = model[:, :3] + Rotation.from_quat(model[:, 3:]).apply(found.frames.tool[:3, 3])
+    where = where @ found.frames.base[:3, :3].T + found.frames.base[:3, 3]
+    errors = np.linalg.norm(where - truth.matrices(ELSEWHERE)[:, :3, 3], axis=1)
+    assert found.robot.error_bound is not None
+    assert (errors <= found.robot.error_bound.of_rows(ELSEWHERE)[:, 0]).mean() > 0.9
+
+
+def test_sockets_with_a_joint_that_does_not_move() -> None:
+    measurements = in_sockets()
+    rows = measurements.joint_positions.copy()
+    rows[:, 5] = 0.3
+    with pytest.raises(DegenerateExamples) as caught:
+        calibrate(UR5E, replace(measurements, joint_positions=rows), QUICK)
+    assert caught.value.joints == ("wrist_3_joint",)
 
 
 def test_a_distance_that_is_a_little_wrong_is_doubtful() -> None:

@@ -115,7 +115,7 @@ class TestCalibrate:
 
     def test_prints_what_was_calibrated(self, made: Made) -> None:
         assert "40 measured poses of ur5e, 1 outliers left out" in made.printed
-        assert "outliers, by their row in the dataset: 11" in made.printed
+        assert "outliers: row 11" in made.printed
         assert "geometry, joint series" in made.printed
         assert made.summary["parts"] == ["geometry", "joint series"]
         assert made.summary["outliers"] == [11]
