@@ -220,10 +220,13 @@ def _held_out_factors(
     counted = fitted.observations.weights > 0.0
     unseen = fitted.unseen_residuals
     held_out = fitted.held_out_residuals if unseen is None else unseen
-    placements, elsewhere = fitted.observations.placements, 1.0
-    if placements is not None:
-        # A new place differs from the mean of some places by more than they differ from it.
-        elsewhere = math.sqrt(1.0 + 1.0 / (1.0 + float(placements.max())))
+    placements = fitted.observations.placements
+    if placements is None:
+        wider = 1.0 + _FEW / int(counted.sum())
+    else:
+        # A new place differs from the mean of some places by more than they differ from it. About
+        # half of the squares of the residuals is of the place.
+        wider = math.sqrt(1.0 + 0.5 / (1.0 + float(placements.max())))
     for index, (rows, scale, known) in enumerate(
         (
             (slice(0, 3), fitted.noise.position, measured_noise.position),
@@ -240,7 +243,7 @@ def _held_out_factors(
         if fitted.observations.fixed_points is not None:
             least = _LEAST_FACTORS[2]
         largest = max(float(np.quantile(ratios, level)), 0.1 * float(ratios.max()))
-        factors[index] = max(least, largest * elsewhere * (1.0 + _FEW / len(ratios)))
+        factors[index] = max(least, wider * largest)
     return factors[0], factors[1]
 
 

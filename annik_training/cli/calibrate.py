@@ -269,7 +269,8 @@ def _print_calibration(calibrated: "CalibratedRobot", places: Sequence[str]) -> 
     for warning in warnings(calibrated, places):
         click.echo(f"annik: {warning}", err=True)
     if outliers.any():
-        click.echo(f"outliers: {'; '.join(places[row] for row in np.flatnonzero(outliers).tolist())}")
+        named = (places[row] for row in np.flatnonzero(outliers).tolist())
+        click.echo(f"outliers: {'; '.join(named)}")
     if calibrated.unidentified:
         click.echo("not identified by these poses, left near nominal:")
         for joint, kinds in by_joint(calibrated.unidentified).items():
