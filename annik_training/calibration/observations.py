@@ -19,7 +19,7 @@ from annik_training.calibration.model import Evaluated
 #: Number of parts of the rows that are left out in turn.
 _FOLDS = 10
 #: Rows that are nearer in joint space have nearly the same errors [rad or m].
-_SAME_PLACE = 0.1
+_SAME_PLACE = 0.3
 #: Least number of placements in a fit that chooses between models.
 _LEFT = 2
 #: Standard deviation of a known distance between fixed points [m].
