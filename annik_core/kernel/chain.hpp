@@ -49,6 +49,12 @@ struct PoseNetwork {
   std::vector<double> input, bias, output;  // unit by unit: joints, one, six
 };
 
+// motion = cosines cos(waves q) + sines sin(waves q), a twist in the end effector's frame.
+struct PoseHarmonics {
+  std::size_t count = 0;
+  std::vector<double> waves, cosines, sines;  // wave by wave: joints, six, six
+};
+
 // Of joint positions to the box in which corrections are known, [-1, 1].
 struct Scaling {
   Joints centre{}, half_width{};
@@ -73,6 +79,7 @@ class Chain {
   std::optional<JointNetworks> joint_networks;
   std::optional<Deflection> deflection;
   std::optional<PoseNetwork> pose_network;
+  std::optional<PoseHarmonics> pose_harmonics;
   Scaling joint_scaling, pose_scaling;
   // Joints whose corrections are known in one turn only, around these centres.
   std::vector<std::size_t> wrapped;
@@ -84,11 +91,11 @@ class Chain {
     const Joints inside = in_one_turn(commanded);
     Derivatives derivatives;
     const Placement plain = end_of(actual(inside, derivatives), nullptr);
-    return pose_network ? plain * motion(inside) : plain;
+    return moves_end() ? plain * motion(inside) : plain;
   }
 
   // In the axes of the base frame, as pose() has its position, but without the derivative of the
-  // pose network, which is a thousand times smaller.
+  // end effector's motion, which is a thousand times smaller.
   void jacobian(const Joints& commanded, Jacobian& result) const {
     Derivatives derivatives;
     const Joints positions = actual(in_one_turn(commanded), derivatives);
@@ -101,7 +108,7 @@ class Chain {
     const Joints positions = actual(inside, derivatives);
     const Placement reached = end_of(positions, &result.jacobian);
     // The target is reached with the motion where the target moved back is reached without it.
-    const Placement wanted = pose_network ? moved_back(target, motion(inside)) : target;
+    const Placement wanted = moves_end() ? moved_back(target, motion(inside)) : target;
     const Rotation& axes = reached.rotation;
     result.displacement = axes.inverse_times(wanted.position - reached.position);
     result.twist = logarithm({axes.inverse_times(wanted.rotation), result.displacement});
@@ -261,9 +268,36 @@ class Chain {
     }
   }
 
+  bool moves_end() const { return pose_network || pose_harmonics; }
+
+  Placement motion(const Joints& positions) const {
+    if (!pose_harmonics) return exponential(network_motion(positions));
+    const Placement periodic = exponential(harmonic_motion(positions));
+    return pose_network ? periodic * exponential(network_motion(positions)) : periodic;
+  }
+
   // A twist so small that half the cross product is the exponential's coupling of rotation and
   // translation, to 1e-9 m.
-  Placement motion(const Joints& positions) const {
+  static Placement exponential(const Twist& twist) {
+    const Vector3 linear{twist[0], twist[1], twist[2]}, angular{twist[3], twist[4], twist[5]};
+    return {rotation_about(angular), linear + 0.5 * cross(angular, linear)};
+  }
+
+  Twist harmonic_motion(const Joints& positions) const {
+    const PoseHarmonics& part = *pose_harmonics;
+    Twist twist{};
+    for (std::size_t wave = 0; wave < part.count; ++wave) {
+      double angle = 0.0;
+      for (std::size_t joint = 0; joint < size(); ++joint)
+        angle += part.waves[wave * size() + joint] * positions[joint];
+      const double cosine = std::cos(angle), sine = std::sin(angle);
+      for (std::size_t row = 0; row < 6; ++row)
+        twist[row] += part.cosines[wave * 6 + row] * cosine + part.sines[wave * 6 + row] * sine;
+    }
+    return twist;
+  }
+
+  Twist network_motion(const Joints& positions) const {
     const PoseNetwork& network = *pose_network;
     Joints scaled;
     for (std::size_t joint = 0; joint < size(); ++joint)
@@ -278,8 +312,7 @@ class Chain {
       for (std::size_t row = 0; row < 6; ++row)
         twist[row] += network.output[unit * 6 + row] * activation;
     }
-    const Vector3 linear{twist[0], twist[1], twist[2]}, angular{twist[3], twist[4], twist[5]};
-    return {rotation_about(angular), linear + 0.5 * cross(angular, linear)};
+    return twist;
   }
 
   static Placement moved_back(const Placement& target, const Placement& motion) {

@@ -138,10 +138,12 @@ class PyChain : public Object {
       const py::object joint_networks = corrections.attr("joint_networks");
       const py::object pose_network = corrections.attr("pose_network");
       const py::object deflection = corrections.attr("deflection");
+      const py::object pose_harmonics = corrections.attr("pose_harmonics");
       if (!harmonics.is_none()) set_joint_harmonics(harmonics);
       if (!joint_networks.is_none()) set_joint_networks(joint_networks);
       if (!pose_network.is_none()) set_pose_network(pose_network);
       if (!deflection.is_none()) set_deflection(deflection, nominal, axes);
+      if (!pose_harmonics.is_none()) set_pose_harmonics(pose_harmonics);
     }
     if (wrapped.empty()) return;
     check_shape(centre, {dof}, "centre");
@@ -271,10 +273,27 @@ class PyChain : public Object {
     check_shape(bias, {hidden}, "biases");
     check_shape(output, {6, hidden}, "output_weights");
     chain_.pose_scaling = scaling_of(part);
-    PoseNetwork network{static_cast<std::size_t>(hidden), numbers_of(input), numbers_of(bias), {}};
-    for (py::ssize_t unit = 0; unit < hidden; ++unit)
-      for (py::ssize_t row = 0; row < 6; ++row) network.output.push_back(*output.data(row, unit));
-    chain_.pose_network = std::move(network);
+    chain_.pose_network = PoseNetwork{static_cast<std::size_t>(hidden), numbers_of(input),
+                                      numbers_of(bias), column_by_column(output)};
+  }
+
+  void set_pose_harmonics(const py::object& part) {
+    const Array waves = array_of(part, "waves");
+    const Array cosines = array_of(part, "cosines"), sines = array_of(part, "sines");
+    const py::ssize_t count = waves.ndim() == 2 ? waves.shape(0) : 0;
+    check_shape(waves, {count, dof()}, "waves");
+    check_shape(cosines, {6, count}, "cosines");
+    check_shape(sines, {6, count}, "sines");
+    chain_.pose_harmonics = PoseHarmonics{static_cast<std::size_t>(count), numbers_of(waves),
+                                          column_by_column(cosines), column_by_column(sines)};
+  }
+
+  static std::vector<double> column_by_column(const Array& matrix) {
+    std::vector<double> numbers;
+    for (py::ssize_t column = 0; column < matrix.shape(1); ++column)
+      for (py::ssize_t row = 0; row < matrix.shape(0); ++row)
+        numbers.push_back(*matrix.data(row, column));
+    return numbers;
   }
 
   static Array array_of(const py::object& part, const char* name) {

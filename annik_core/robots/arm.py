@@ -203,8 +203,8 @@ def _workspace(
     if corrections is not None:
         for part in (corrections.joint_networks, corrections.joint_harmonics):
             beyond = beyond + (0.0 if part is None else part.largest)
-    if corrections is not None and corrections.pose_network is not None:
-        shift = corrections.pose_network.largest_shift
+        for motion in (corrections.pose_harmonics, corrections.pose_network):
+            shift += 0.0 if motion is None else motion.largest_shift
     strokes = [
         max(abs(lower), abs(upper)) + more
         for kind, lower, upper, more in zip(

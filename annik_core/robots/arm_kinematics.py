@@ -13,6 +13,7 @@ from annik_core.robots.corrections import (
     ArmCorrections,
     Deflection,
     JointCorrection,
+    PoseHarmonics,
     PoseNetwork,
     diagonal,
 )
@@ -76,8 +77,9 @@ def readable_kinematics(
         joint.append(GravityDeflection(chain, corrections.deflection))
     if joint:
         kinematics = JointCorrectedKinematics(kinematics, SumOfCorrections(joint))
-    if corrections.pose_network is not None:
-        kinematics = PoseCorrectedKinematics(kinematics, corrections.pose_network)
+    for motion in (corrections.pose_harmonics, corrections.pose_network):
+        if motion is not None:
+            kinematics = PoseCorrectedKinematics(kinematics, motion)
     wrapped = _wrapped(corrections, turning)
     if wrapped:
         kinematics = JointCorrectedKinematics(kinematics, OneTurn(centre, wrapped))
@@ -241,13 +243,11 @@ class PoseCorrectedKinematics(ForwardKinematics):
     """
 
     kinematics: ForwardKinematics
-    network: PoseNetwork
+    part: PoseNetwork | PoseHarmonics
 
     def poses(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.robot.ForwardKinematics`."""
-        return _moved(
-            self.kinematics.poses(joint_positions), self.network.motions(joint_positions)
-        )
+        return _moved(self.kinematics.poses(joint_positions), self.part.motions(joint_positions))
 
     def jacobians(self, joint_positions: FloatArray) -> FloatArray:
         """See :class:`annik_core.robots.robot.ForwardKinematics`."""
@@ -256,7 +256,7 @@ class PoseCorrectedKinematics(ForwardKinematics):
     def linearise(self, joint_positions: FloatArray, target: FloatArray) -> Linearisation:
         """See :meth:`annik_core.robots.robot.ForwardKinematics.linearise`."""
         # The target is reached with the motion where the target moved back is reached without it.
-        motion = self.network.motions(joint_positions[np.newaxis])
+        motion = self.part.motions(joint_positions[np.newaxis])
         moved = _moved(target[np.newaxis], motion, reverse=True)[0]
         return self.kinematics.linearise(joint_positions, moved)
 

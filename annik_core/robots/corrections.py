@@ -253,6 +253,42 @@ class PoseNetwork(_ScaledPart):
 
 
 @dataclass(frozen=True, eq=False)
+class PoseHarmonics(_Part):
+    """A motion of the end effector in its own frame, periodic in the joint positions.
+
+    ``motion = cosines @ cos(waves @ q) + sines @ sin(waves @ q)``: a body twist, applied by the
+    exponential map. With whole numbers a full turn changes nothing.
+
+    Attributes:
+        waves: ``(waves, dof)`` angular frequencies by the joints.
+        cosines: ``(6, waves)``: three rows linear [m], three angular [rad].
+        sines: ``(6, waves)`` likewise.
+    """
+
+    waves: FloatArray
+    cosines: FloatArray
+    sines: FloatArray
+
+    def motions(self, joint_positions: FloatArray) -> FloatArray:
+        """Twists ``(n, 6)`` in the end effector's frame for joint positions ``(n, dof)``."""
+        angles = joint_positions @ self.waves.T
+        motions: FloatArray = np.cos(angles) @ self.cosines.T + np.sin(angles) @ self.sines.T
+        return motions
+
+    @property
+    def largest_shift(self) -> float:
+        """An upper bound of the end effector's shift [m]."""
+        largest = np.hypot(self.cosines, self.sines).sum(axis=1)
+        linear, angular = np.linalg.norm(largest[:3]), np.linalg.norm(largest[3:])
+        return float(linear * (1.0 + 0.5 * angular))
+
+    @classmethod
+    def _shapes(cls, dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
+        count = arrays["waves"].shape[:1]
+        return {"waves": (*count, dof), "cosines": (6, *count), "sines": (6, *count)}
+
+
+@dataclass(frozen=True, eq=False)
 class ErrorBound(_ScaledPart):
     """A bound of the pose error that holds for 95 of 100 poses.
 
@@ -306,6 +342,7 @@ _PARTS: dict[str, type[_Part]] = {
     "deflection": Deflection,
     "joint_networks": JointNetworks,
     "pose_network": PoseNetwork,
+    "pose_harmonics": PoseHarmonics,
     "error_bound": ErrorBound,
 }
 _ENTRIES = ("placements", *_PARTS, "provenance")
@@ -328,6 +365,7 @@ class ArmCorrections:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     joint_harmonics: JointHarmonics | None = None
     deflection: Deflection | None = None
+    pose_harmonics: PoseHarmonics | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """For a robot definition."""

@@ -1,7 +1,8 @@
-"""Kinematic calibration of an arm from measured poses: choice of the model's parts, and result."""
+"""Kinematic calibration of an arm from measurements: fits with other parts, and their result."""
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass, replace
 from typing import Any
 
@@ -23,7 +24,7 @@ from annik_training.calibration.distances import FoundDistance, found_distances
 from annik_training.calibration.errors import InvalidMeasurements, TooFewMeasurements
 from annik_training.calibration.estimation import Estimate, tuned
 from annik_training.calibration.frames import OTHER, Frames, check_known, initial_frames
-from annik_training.calibration.measurements import Measurements
+from annik_training.calibration.measurements import KnownDistance, Measurements
 from annik_training.calibration.model import ParametricModel, Part, check_nominal_arm
 from annik_training.calibration.observations import Noise, Observations, check_measured_alike
 from annik_training.calibration.outliers import find_outliers
@@ -44,6 +45,7 @@ CANDIDATES: tuple[frozenset[Part], ...] = (
     frozenset({Part.GEOMETRY, Part.JOINT_SERIES}),
     frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_SERIES}),
     frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.DEFLECTION, Part.JOINT_SERIES}),
+    frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.DEFLECTION, Part.POSE_SERIES}),
 )
 #: Where the estimate of the noise begins: that of the nominal robot.
 _FIRST_NOISE = Noise(1e-3, 1e-3)
@@ -56,6 +58,8 @@ _REDUNDANCY_OF_A_PLACE = 2.0
 #: Without a measured length rows tell no more than so many: a smaller arm has smaller residuals,
 #: and the more they count, the more it shrinks.
 _ROWS_WITHOUT_LENGTH = 100
+#: Of a fixed point that was touched less often the place is too uncertain for a distance.
+_LEAST_TOUCHED = 3
 
 
 @dataclass(frozen=True)
@@ -264,23 +268,27 @@ def _estimate(
         _FIRST_NOISE,
     )
     distances = found_distances(fitted, observations) if observations.distances else ()
-    credible = [
-        known
-        for known, found in zip(observations.distances, distances, strict=True)
-        if not found.is_another
-    ]
-    kept = replace(observations.where(~outliers), distances=tuple(credible))
-    kept = _with_redundancy(kept)
+    kept = observations.where(~outliers)
+    kept = _with_redundancy(replace(kept, distances=tuple(_credible(kept, distances))))
     _check_number(models[0], kept, int(outliers.sum()))
     fits = [_best_estimate(model, kept, options, rng) for model in models]
-    fits += [
-        _best_estimate(model, replace(kept, redundancy=factor * kept.redundancy), options, rng)
-        for model in models
-        if not (model.has_networks or Part.JOINT_SERIES in model.parts)
-        for factor in _REDUNDANCIES
-    ]
+    if not any(model.has_networks for model in models):
+        fits += [
+            _best_estimate(model, replace(kept, redundancy=factor * kept.redundancy), options, rng)
+            for model in models
+            if not {Part.JOINT_SERIES, Part.POSE_SERIES} & model.parts
+            for factor in _REDUNDANCIES
+        ]
     found, candidates = combined(fits)
     return found, candidates, outliers, distances
+
+
+def _credible(kept: Observations, distances: tuple[FoundDistance, ...]) -> Iterator[KnownDistance]:
+    """Known distances that are used: as the arm tells, and between points that were touched."""
+    for known, found in zip(kept.distances, distances, strict=True):
+        touched = [np.count_nonzero(kept.fixed_points == point) for point in known[:2]]
+        if not found.is_another and min(touched) >= _LEAST_TOUCHED:
+            yield known
 
 
 def _with_redundancy(observations: Observations) -> Observations:

@@ -70,7 +70,8 @@ class MeanEstimate(Estimate):
             places = np.append(one.model.indices_in(model), np.arange(model.size, size))
             parameters[places] += share * one.parameters
             variances[places] += share * one.own_prior**2
-            noise += share * np.array([one.noise.position, one.noise.orientation]) ** 2
+            found = one.residual_noise
+            noise += share * np.array([found.position, found.orientation]) ** 2
             information += share * one.observations.information
         redundancy = 1.0 / float(shares @ [1.0 / one.observations.redundancy for one in members])
         observations = replace(
@@ -122,15 +123,15 @@ def combined(fits: Sequence[Estimate]) -> tuple[Estimate, tuple[Candidate, ...]]
     if any(fit.model.has_networks for fit in fits):
         shares = np.eye(len(fits))[_chosen(scores, deviations)]
     else:
-        # A row that all predict badly counts as little as for the best.
-        part = np.minimum(1.0, largest[best] / np.maximum(squares.mean(axis=0), 1e-300))
+        # Rows that the best fit predicts badly count less for all.
+        part = np.minimum(1.0, largest[best] / np.maximum(squares[best], 1e-300))
         shares = _shares(fits, residuals * np.sqrt(part)[:, np.newaxis])
     candidates = tuple(
         Candidate(fit.model.parts, fit.observations.redundancy, fit.model.size, *numbers)
         for fit, *numbers in zip(fits, scores.tolist(), deviations, shares.tolist(), strict=True)
     )
     used = np.flatnonzero(shares)
-    if len(used) == 1:
+    if len(used) == 1 and fits[used[0]].observations.redundancy == 1.0:
         return fits[int(used[0])], candidates
     return MeanEstimate.of([fits[index] for index in used.tolist()], shares[used]), candidates
 
@@ -165,11 +166,15 @@ def _shares(fits: Sequence[Estimate], residuals: FloatArray) -> FloatArray:
 
 
 def _least_squares(columns: FloatArray) -> FloatArray:
-    """Weights of columns, none negative and of sum 1, whose weighted mean is least."""
-    whole = _SUM * float(np.linalg.norm(columns, axis=0).max())
-    shares, _ = nnls(
-        np.vstack([columns, np.full(columns.shape[1], whole)]),
-        np.append(np.zeros(len(columns)), whole),
-    )
-    shares[shares < _LEAST_WEIGHT * shares.sum()] = 0.0
+    """Weights of columns, none negative or small, and of sum 1, whose weighted mean is least."""
+    used = np.ones(columns.shape[1], dtype=np.bool_)
+    whole = max(_SUM * float(np.linalg.norm(columns, axis=0).max()), 1e-300)
+    for _ in range(2):
+        shares = np.zeros(len(used))
+        shares[used], _ = nnls(
+            np.vstack([columns[:, used], np.full(used.sum(), whole)]),
+            np.append(np.zeros(len(columns)), whole),
+        )
+        used = shares >= _LEAST_WEIGHT * shares.sum()
+    shares[~used] = 0.0
     return np.asarray(shares / shares.sum())

@@ -18,7 +18,7 @@ _DOUBTFUL, _LIKELY = 1e-3, 4.0
 class FoundDistance(NamedTuple):
     """A known distance between two fixed points, and what the arm tells without it."""
 
-    first: int  #: number of the fixed point
+    first: int  #: row of ``frames.points``
     second: int
     known: float  #: [m]
     found: float  #: [m]

@@ -1,5 +1,6 @@
 """Maximum a posteriori estimate of a model's parameters, with its posterior."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -95,7 +96,7 @@ class Estimate:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Covariance ``(p + u, p + u)`` of the parameters; 1 where nothing was learned."""
+        """Covariance ``(p + u, p + u)``; that of the prior where nothing was learned."""
         return np.asarray(self.root @ self.root.T, dtype=np.float64)
 
     @cached_property
@@ -105,6 +106,20 @@ class Estimate:
         drawn = (weighted.reshape(-1, weighted.shape[2]) @ self.root).reshape(weighted.shape)
         leverages: FloatArray = drawn @ np.swapaxes(drawn, 1, 2)
         return leverages
+
+    @cached_property
+    def residual_noise(self) -> Noise:
+        """Noise by the residuals and their degrees of freedom, whatever the rows count."""
+        weighted = self.residuals**2 * self.observations.weights[:, None]
+        taken = np.einsum("nrr->r", self.leverages)
+        found = [self.noise.position, self.noise.orientation]
+        for kind, rows in enumerate((slice(0, 3), slice(3, 6))):
+            part = weighted[:, rows]
+            if part.size:
+                counted = np.count_nonzero(self.observations.weights) * part.shape[1]
+                left = max(counted - float(taken[rows].sum()), 1.0)
+                found[kind] *= math.sqrt(float(part.sum()) / left)
+        return Noise(*(max(noise, LEAST_NOISE) for noise in found))
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -220,7 +235,7 @@ class Estimate:
 
         Distributed as chi square, with as many degrees of freedom as rows.
         """
-        weights = np.maximum(self.observations.weights, 1e-12)[:, None, None]
+        weights = np.maximum(self.observations.information, 1e-12)[:, None, None]
         rest = np.eye(self.observations.rows) - self.leverages
         expected = rest + self.leverages / weights
         scaled = np.linalg.solve(expected, self.residuals[..., None])[..., 0]

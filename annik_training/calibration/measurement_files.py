@@ -281,7 +281,7 @@ def _read_table(
     joints_only: bool = False,
     position_only: bool = False,
 ) -> MeasuredRows:
-    lines = _lines(path)
+    lines = _lines(path, robot.joint_names)
     (number, header), *rest = lines
     if joints_only and all(map(_is_number, header)):
         if len(header) != robot.dof:
@@ -320,7 +320,7 @@ def _read_table(
     return MeasuredRows(joint_positions, positions, rotations, sockets, places, notes)
 
 
-def _lines(path: Path) -> list[tuple[int, list[str]]]:
+def _lines(path: Path, joint_names: Sequence[str]) -> list[tuple[int, list[str]]]:
     """Number and cells of every line that is neither empty nor a comment."""
     try:
         text = read_text(path, _MOST_BYTES)
@@ -329,42 +329,44 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
     except ValueError as error:
         problem = f"not a table in UTF-8 ({error}): save it as CSV"
         raise UnreadableMeasurements(path, problem) from error
-    text, first = _without_comments(text)
+    written = _without_comments(text, joint_names)
+    first = next((line for line in written if line.strip()), "")
     delimiter = max(";\t,", key=first.count)
     rows: Iterator[tuple[int, list[str]]]
     if delimiter in first:
-        reader = csv.reader(StringIO(text, newline=""), delimiter=delimiter)
+        reader = csv.reader(StringIO("\n".join(written), newline=""), delimiter=delimiter)
         rows = ((reader.line_num, row) for row in reader)
     else:
-        rows = ((number, line.split()) for number, line in enumerate(text.splitlines(), 1))
+        rows = ((number, line.split()) for number, line in enumerate(written, 1))
     lines: list[tuple[int, list[str]]] = []
     try:
         for number, row in rows:
-            if any(cell.strip() for cell in row) and (not lines or not row[0].startswith("#")):
+            if any(cell.strip() for cell in row):
                 lines.append((number, row))
     except csv.Error as error:
         raise UnreadableMeasurements(path, f"not a table: {error}") from error
     if not lines:
         raise UnreadableMeasurements(path, "it is empty")
-    # NumPy writes a header as a comment.
-    lines[0][1][0] = lines[0][1][0].removeprefix("#").strip()
     return lines
 
 
-def _without_comments(text: str) -> tuple[str, str]:
-    """Text whose comments above the table are empty lines, and the first line that is not.
+def _without_comments(text: str, joint_names: Sequence[str]) -> list[str]:
+    """The lines, empty where there was a comment; one that names joints may be the header.
 
-    The last of them is the header if numbers follow: NumPy writes it as a comment.
+    NumPy writes a header as a comment.
     """
     lines = text.splitlines()
     begin = next((n for n, line in enumerate(lines) if line.strip()[:1] not in ("", "#")), 0)
-    comments = [number for number, line in enumerate(lines[:begin]) if line.strip()]
     cells = re.split(r"[;,\s]+", lines[begin].strip()) if lines else []
-    if comments and all(map(_is_number, filter(None, cells))):
-        begin = comments.pop()
-    for number in comments:
-        lines[number] = ""
-    return "\n".join(lines), lines[begin] if lines else ""
+    numeric = all(map(_is_number, filter(None, cells)))
+    for number in range(len(lines) - 1, -1, -1):
+        line = lines[number].strip()
+        if not line.startswith("#"):
+            continue
+        is_header = number < begin and numeric and any(name in line for name in joint_names)
+        lines[number] = line.lstrip("#").strip() if is_header else ""
+        numeric = numeric and not is_header
+    return lines
 
 
 def _columns(

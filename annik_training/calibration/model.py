@@ -22,6 +22,7 @@ from annik_core.robots.corrections import (
     Deflection,
     JointHarmonics,
     JointNetworks,
+    PoseHarmonics,
     PoseNetwork,
 )
 from annik_core.robots.kinematic_errors import (
@@ -42,6 +43,7 @@ class Part(Enum):
     ALIGNMENT = "alignment"
     DEFLECTION = "deflection"
     JOINT_SERIES = "joint series"
+    POSE_SERIES = "pose series"
     JOINT_NETWORKS = "joint networks"
     POSE_NETWORK = "pose network"
 
@@ -127,6 +129,8 @@ class ParametricModel:
             names += [f"{joint}: compliance to the weight of the links" for joint in joints]
         if Part.JOINT_SERIES in self.parts:
             names += [correction_name(joint) for joint in joints for _ in range(2 * ORDERS)]
+        if Part.POSE_SERIES in self.parts:
+            names += ["motion of the end effector"] * 12 * len(self._waves)
         if Part.JOINT_NETWORKS in self.parts:
             names += [
                 correction_name(joint)
@@ -156,6 +160,8 @@ class ParametricModel:
             indices = self._series_start + np.arange(self.robot.dof * 2 * ORDERS)
             series = indices.reshape(self.robot.dof, 2, ORDERS)
             groups += [series[..., np.array(band) - 1].ravel() for band in BANDS]
+        if Part.POSE_SERIES in self.parts:
+            groups.append(self._motion_start + np.arange(12 * len(self._waves)))
         return tuple(groups)
 
     def indices_in(self, other: "ParametricModel") -> NDArray[np.int64]:
@@ -164,8 +170,9 @@ class ParametricModel:
         start, own = other._series_start, self._series_start - len(self.errors)
         geometry = [names.index(error.name) for error in self.errors]
         deflection = range(len(names), start)[:own]
-        series = range(start, other.size)[: self.size - self._series_start]
-        return np.array([*geometry, *deflection, *series], dtype=np.int64)
+        series = range(start, other.size)[: self._motion_start - self._series_start]
+        motion = range(other._motion_start, other.size)[: self.size - self._motion_start]
+        return np.array([*geometry, *deflection, *series, *motion], dtype=np.int64)
 
     @property
     def has_networks(self) -> bool:
@@ -214,6 +221,11 @@ class ParametricModel:
             for motion, own in zip(motions, np.swapaxes(functions, 0, 1), strict=True):
                 columns[:, :, place : place + 2 * ORDERS] = motion[:, :, None] * own[:, None, :]
                 place += 2 * ORDERS
+        if Part.POSE_SERIES in self.parts:
+            width = 12 * len(self._waves)
+            functions = _in_base(rotations, self._motion_functions(joint_positions))
+            columns[:, :, place : place + width] = functions
+            place += width
         if joints is not None:
             for index, motion in enumerate(motions):
                 by_parameter = self._joint_derivatives(
@@ -246,6 +258,7 @@ class ParametricModel:
             None if pose is None else self._pose_network(pose),
             joint_harmonics=self._joint_series(parameters),
             deflection=self._deflection(parameters),
+            pose_harmonics=self._pose_series(parameters),
         )
 
     @cached_property
@@ -327,6 +340,44 @@ class ParametricModel:
         own = own * self._series_units[:, None, :]
         return JointHarmonics(self._frequencies, own[:, 0].copy(), own[:, 1].copy())
 
+    @property
+    def _motion_start(self) -> int:
+        """Number of the parameters of geometry, deflection and joint series."""
+        series = Part.JOINT_SERIES in self.parts
+        return self._series_start + self.robot.dof * 2 * ORDERS * series
+
+    @cached_property
+    def _waves(self) -> FloatArray:
+        """``(waves, dof)``: each joint with one and two periods, and each pair of joints."""
+        identity = np.eye(self.robot.dof)
+        first, second = np.triu_indices(self.robot.dof, 1)
+        pairs = [identity[first] + identity[second], identity[first] - identity[second]]
+        waves: FloatArray = np.concatenate([identity, 2.0 * identity, *pairs])
+        return waves * self._frequencies
+
+    def _pose_series(self, parameters: FloatArray) -> PoseHarmonics | None:
+        if Part.POSE_SERIES not in self.parts:
+            return None
+        size = 12 * len(self._waves)
+        own = parameters[self._motion_start : self._motion_start + size].reshape(2, 6, -1)
+        own = own * self._motion_units
+        return PoseHarmonics(self._waves, own[0], own[1])
+
+    @cached_property
+    def _motion_units(self) -> FloatArray:
+        """``(6, waves)``: less for waves that change faster."""
+        periods = np.abs(self._waves / self._frequencies).sum(axis=1)
+        return np.outer(_MOTION, 1.0 / periods)
+
+    def _motion_functions(self, joint_positions: FloatArray) -> FloatArray:
+        """Derivatives ``(n, 6, p)`` of the end effector's motion by its series' parameters."""
+        angles = joint_positions @ self._waves.T
+        functions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        columns = np.zeros((len(angles), 6, 2, 6, len(self._waves)))
+        rows = np.arange(6)
+        columns[:, rows, :, rows] = functions * self._motion_units[:, None, None, :]
+        return columns.reshape(len(angles), 6, -1)
+
     def _series_functions(self, joint_positions: FloatArray) -> FloatArray:
         """Derivatives ``(n, dof, 2 orders)`` of the joints' corrections by their parameters."""
         orders = np.arange(1.0, ORDERS + 1.0)
@@ -371,8 +422,11 @@ class ParametricModel:
                 motion = error.motion(float(parameter) * _unit(error))
                 rotation, position = _after(rotation, position, motion)
         rotation, position = _after(rotation, position, chain.placements[-1])
-        if pose is not None:
-            motions = self._pose_network(pose).motions(joint_positions)
+        network = None if pose is None else self._pose_network(pose)
+        for part in (self._pose_series(parameters), network):
+            if part is None:
+                continue
+            motions = part.motions(joint_positions)
             linear, angular = motions[:, :3], motions[:, 3:]
             shift = linear + 0.5 * np.cross(angular, linear)
             position = position + np.einsum("nij,nj->ni", rotation, shift)
@@ -389,9 +443,9 @@ class ParametricModel:
 
     def _networks(self, parameters: FloatArray) -> FloatArray:
         """A view of the weights of networks."""
-        linear = self._series_start
-        if Part.JOINT_SERIES in self.parts:
-            linear += self.robot.dof * 2 * ORDERS
+        linear = self._motion_start
+        if Part.POSE_SERIES in self.parts:
+            linear += 12 * len(self._waves)
         return parameters[linear : self.size]
 
     def _split(self, parameters: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
@@ -465,7 +519,7 @@ class ParametricModel:
         columns = np.concatenate(
             [by_input.reshape(count, 6, -1), by_bias, by_output.reshape(count, 6, -1)], axis=2
         )
-        return np.concatenate([rotations @ columns[:, :3], rotations @ columns[:, 3:]], axis=1)
+        return _in_base(rotations, columns)
 
 
 def check_nominal_arm(robot: Robot) -> None:
@@ -493,6 +547,11 @@ def _column(screw: _Screw, positions: FloatArray) -> FloatArray:
         return np.concatenate([screw.direction, np.zeros_like(screw.direction)], axis=1)
     linear = np.cross(screw.direction, positions - screw.point)
     return np.concatenate([linear, screw.direction], axis=1)
+
+
+def _in_base(rotations: FloatArray, columns: FloatArray) -> FloatArray:
+    """Columns ``(n, 6, p)`` of motions in the end effector's frame, in the axes of the base."""
+    return np.concatenate([rotations @ columns[:, :3], rotations @ columns[:, 3:]], axis=1)
 
 
 def _after(

@@ -20,7 +20,9 @@ from annik_training.calibration.model import Evaluated
 _FOLDS = 10
 #: Rows that are nearer in joint space have nearly the same errors [rad or m].
 _SAME_PLACE = 0.3
-#: Least number of placements in a fit that chooses between models.
+#: Unless they are more than this part of all.
+_MOST = 0.3
+#: Least number of placements in a fit that judges a model.
 _LEFT = 2
 #: Standard deviation of a known distance between fixed points [m].
 DISTANCE_SIGMA = 5e-5
@@ -166,7 +168,9 @@ class Observations:
             if numbers[row] < 0:
                 near = np.array(tree.query_ball_point(joint_positions, _SAME_PLACE))
                 numbers[near[numbers[near] < 0]] = row
-        return numbers if numbers.any() else np.arange(len(self))
+        # Most rows in one place are no repetition: there is no other place to learn from.
+        counts = np.bincount(numbers, minlength=len(self))[numbers]
+        return np.where(counts > _MOST * len(self), np.arange(len(self)), numbers)
 
     def elsewhere(
         self, joint_positions: FloatArray, fixed_points: NDArray[np.int64] | None

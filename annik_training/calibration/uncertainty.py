@@ -17,7 +17,7 @@ from annik_training.calibration.estimation import Estimate
 from annik_training.calibration.model import ParametricModel, Part
 from annik_training.calibration.observations import Noise, Observations
 
-#: Posterior standard deviation from which a parameter counts as unidentified; the prior's is 1.
+#: Posterior standard deviation, in those of the prior, of a parameter that is not identified.
 _UNIDENTIFIED = 0.5
 #: Least motion of a joint, as a fraction of its interval.
 _MOVED = 0.02
@@ -51,6 +51,7 @@ def unidentified_parameters(fitted: Estimate) -> tuple[str, ...]:
     """
     errors = fitted.model.errors
     deviations = np.sqrt(np.diag(fitted.covariance)[: len(errors)])
+    deviations = deviations / np.minimum(fitted.own_prior[: len(errors)], 1.0)
     return tuple(
         error.name
         for error, deviation in zip(errors, deviations, strict=True)
@@ -211,7 +212,8 @@ def _held_out_factors(
     """Factors with which the bounds hold for held-out examples: conformal prediction.
 
     The error of an example by the fit without it, less the noise of its measurement, over its
-    bound; of these ratios the quantile, and at least a tenth of the largest. References:
+    bound; of these ratios the quantile, and at least a tenth of the largest; a little more where
+    rows or placements are few. References:
     [Vovk2005]_ V. Vovk, A. Gammerman, G. Shafer: Algorithmic learning in a random world.
     Springer, 2005.
     """

@@ -172,7 +172,7 @@ def findings(calibrated: "CalibratedRobot") -> Iterator[tuple[str, str]]:
 def warnings(calibrated: "CalibratedRobot", places: Sequence[str] = ()) -> Iterator[str]:
     """What to look at before the calibration is used; ``places`` are those of its rows."""
     for one in calibrated.distances:
-        if not (one.is_doubtful or one.is_another):
+        if not one.is_doubtful:
             continue
         first, second = _files(calibrated, places, one[:2]) if places else map(str, one[:2])
         yield (
@@ -301,13 +301,12 @@ def _following(
 def _files(
     calibrated: "CalibratedRobot", places: Sequence[str], points: Iterable[int]
 ) -> list[str]:
-    """The files of the rows at fixed points."""
+    """Where the rows at fixed points are: the file of each, or its first line in one for all."""
     touched = Observations.of(calibrated.measured).fixed_points
     assert touched is not None
-    return [
-        places[int(np.flatnonzero(touched == point)[0])].rpartition(", line")[0]
-        for point in points
-    ]
+    lines = [places[int(np.flatnonzero(touched == point)[0])] for point in points]
+    files = [line.rpartition(", line")[0] for line in lines]
+    return lines if len(set(files)) < len(set(lines)) else files
 
 
 def _at_points(

@@ -21,6 +21,7 @@ from annik_core.robots.corrections import (
     ArmCorrections,
     ErrorBound,
     JointNetworks,
+    PoseHarmonics,
     PoseNetwork,
 )
 from annik_core.robots.joint_limits import JointLimits
@@ -74,7 +75,9 @@ def drawn_corrections(rng: np.random.Generator, dof: int) -> ArmCorrections:
     )
     placements = np.array([motion(rng, 1e-3, 1e-3) for _ in range(dof + 1)])
     parts = [(joints, pose), (joints, None), (None, pose), (None, None)][int(rng.integers(4))]
-    return ArmCorrections(placements, *parts)
+    waves = rng.integers(-2, 3, (4, dof)).astype(np.float64)
+    periodic = PoseHarmonics(waves, *(1e-3 * rng.normal(size=(2, 6, 4))))
+    return ArmCorrections(placements, *parts, pose_harmonics=periodic if rng.integers(2) else None)
 
 
 class Both:

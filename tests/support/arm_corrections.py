@@ -13,6 +13,7 @@ from annik_core.robots.corrections import (
     ErrorBound,
     JointHarmonics,
     JointNetworks,
+    PoseHarmonics,
     PoseNetwork,
 )
 from annik_core.robots.library import robot_from_definition
@@ -50,6 +51,10 @@ def drawn_corrections(robot: Robot, seed: int) -> ArmCorrections:
         {"examples": 3, "parts": ["geometry"]},
         JointHarmonics(np.ones(dof), *harmonics),
         Deflection(more.normal(size=(dof, dof)) * 2e-3, gravity),
+        PoseHarmonics(
+            more.integers(-1, 2, (5, dof)).astype(np.float64),
+            *(0.1 * motions * more.normal(size=(2, 1, 5))),
+        ),
     )
 
 
@@ -64,6 +69,7 @@ def identity_corrections(robot: Robot) -> ArmCorrections:
         replace(pose, output_weights=np.zeros_like(pose.output_weights)),
         joint_harmonics=JointHarmonics(np.ones(robot.dof), *np.zeros((2, robot.dof, 3))),
         deflection=Deflection(np.zeros((robot.dof, robot.dof)), np.array([0.0, 0.0, -1.0])),
+        pose_harmonics=PoseHarmonics(np.ones((2, robot.dof)), *np.zeros((2, 6, 2))),
     )
 
 

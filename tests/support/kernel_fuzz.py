@@ -171,6 +171,11 @@ class Draw:
                 "output_weights": (6, hidden),
             },
             "deflection": {"compliances": (dof, dof), "gravity": (3,)},
+            "pose_harmonics": {
+                "waves": (hidden, dof),
+                "cosines": (6, hidden),
+                "sines": (6, hidden),
+            },
         }
         return SimpleNamespace(**{name: self.part(shapes) for name, shapes in parts.items()})
 

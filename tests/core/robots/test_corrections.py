@@ -105,6 +105,16 @@ def by_hand(robot: Robot, corrections: ArmCorrections, joint_positions: np.ndarr
         matrix = matrix @ chain.placements[joint] @ expm(actual * twist)
         matrix = matrix @ matrix_of(np.array(data["placements"][joint + 1]))
     matrix = matrix @ chain.placements[-1]
+    periodic = np.zeros(6)
+    for number, wave in enumerate(data["pose_harmonics"]["waves"]):
+        angle = sum(
+            often * position
+            for often, position in zip(wave, joint_positions.tolist(), strict=True)
+        )
+        for row in range(6):
+            periodic[row] += data["pose_harmonics"]["cosines"][row][number] * math.cos(angle)
+            periodic[row] += data["pose_harmonics"]["sines"][row][number] * math.sin(angle)
+    matrix = matrix @ expm(twist_matrix(periodic[:3], periodic[3:]))
     hidden = np.tanh(np.array(pose["input_weights"]) @ scaled + np.array(pose["biases"]))
     motion = np.array(pose["output_weights"]) @ hidden
     return matrix @ expm(twist_matrix(motion[:3], motion[3:]))
@@ -141,7 +151,14 @@ class TestDefinition:
 
     @pytest.mark.parametrize(
         "parts",
-        [(), ("joint_networks",), ("pose_network",), ("joint_harmonics",), ("deflection",)],
+        [
+            (),
+            ("joint_networks",),
+            ("pose_network",),
+            ("joint_harmonics",),
+            ("deflection",),
+            ("pose_harmonics",),
+        ],
     )
     def test_may_have_some_parts_only(self, parts: tuple[str, ...]) -> None:
         nominal = nominal_named("scara")
@@ -200,7 +217,11 @@ PLACEMENT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
         ("placements", [*[PLACEMENT] * 6, [*PLACEMENT[:6], math.nan]], "not finite"),
         ("placements", [*[PLACEMENT] * 6, [math.inf, *PLACEMENT[1:]]], "not finite"),
         ("placements", [*[PLACEMENT] * 6, [10**400, *PLACEMENT[1:]]], "malformed"),
-        ("screws", [], "placements; joint_harmonics; deflection; joint_networks; pose_network"),
+        (
+            "screws",
+            [],
+            "placements; joint_harmonics; joint_networks; pose_network; pose_harmonics",
+        ),
         ("joint_harmonics.sines", 0.0, "()"),
         ("joint_harmonics.cosines", [[0.0]] * 6, "(6, 1)"),
         ("joint_harmonics.frequencies", [0.0] * 6, "is not positive"),
@@ -224,6 +245,10 @@ PLACEMENT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
         ("joint_networks.half_width", [5e-324] * 6, "below 1e-09"),
         ("joint_networks.output_weights", [[1.7e308] * 4] * 6, "beyond 1e+06"),
         ("pose_network.output_weights", [[-1e308] * 4] * 6, "beyond 1e+06"),
+        ("pose_harmonics.waves", [[0.0] * 5] * 5, "(5, 5)"),
+        ("pose_harmonics.waves", 0.0, "()"),
+        ("pose_harmonics.sines", [[0.0] * 5] * 3, "(3, 5)"),
+        ("pose_harmonics.cosines", ..., "is missing"),
         ("error_bound", "small", "is not a mapping"),
         ("error_bound.coefficients", [[0.0] * 28], "(1, 28)"),
         ("error_bound.coefficients", [[4.0] * 28] * 2, "too large"),
@@ -276,6 +301,7 @@ _PATHS = [
     *("placements", "joint_networks", "pose_network", "error_bound", "provenance"),
     *("joint_harmonics.sines", "joint_harmonics.frequencies", "joint_harmonics"),
     *("deflection", "deflection.compliances", "deflection.gravity"),
+    *("pose_harmonics", "pose_harmonics.waves", "pose_harmonics.sines"),
     *(
         f"{part}.{key}"
         for part in ("joint_networks", "pose_network")
@@ -382,15 +408,15 @@ class TestKinematics:
             theirs.jacobians(joint_positions), abs=1e-12
         )
 
-    @pytest.mark.parametrize(("pose_network", "tolerance"), [(False, 1e-7), (True, 2e-3)])
+    @pytest.mark.parametrize(("motion", "tolerance"), [(False, 1e-7), (True, 2e-3)])
     def test_jacobians_are_finite_differences(
-        self, name: str, pose_network: bool, tolerance: float
+        self, name: str, motion: bool, tolerance: float
     ) -> None:
-        """But for the pose network, whose own change with the joints they leave out."""
+        """But for the end effector's motion, whose own change with the joints they leave out."""
         nominal = nominal_named(name)
         corrections = drawn_corrections(nominal, 5)
-        if not pose_network:
-            corrections = replace(corrections, pose_network=None)
+        if not motion:
+            corrections = replace(corrections, pose_network=None, pose_harmonics=None)
         kinematics = corrected(nominal, corrections).forward_kinematics
         (joint_positions,) = inside(nominal, 1, seed=4)
         jacobian = kinematics.jacobians(joint_positions[np.newaxis])[0]
@@ -405,15 +431,15 @@ class TestKinematics:
             difference = np.concatenate([after[:3] - before[:3], turn.as_rotvec()]) / (2 * step)
             assert jacobian[:, joint] == pytest.approx(difference, abs=tolerance)
 
-    @pytest.mark.parametrize(("pose_network", "tolerance"), [(False, 1e-5), (True, 2e-3)])
+    @pytest.mark.parametrize(("motion", "tolerance"), [(False, 1e-5), (True, 2e-3)])
     def test_linearised_errors_are_finite_differences(
-        self, name: str, pose_network: bool, tolerance: float
+        self, name: str, motion: bool, tolerance: float
     ) -> None:
         """At the target, where the logarithm's own derivative is one."""
         nominal = nominal_named(name)
         corrections = drawn_corrections(nominal, 6)
-        if not pose_network:
-            corrections = replace(corrections, pose_network=None)
+        if not motion:
+            corrections = replace(corrections, pose_network=None, pose_harmonics=None)
         kinematics = corrected(nominal, corrections).forward_kinematics
         (joint_positions,) = inside(nominal, 1, seed=5)
         target = kinematics.poses(joint_positions[np.newaxis])[0]

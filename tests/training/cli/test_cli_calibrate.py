@@ -121,7 +121,7 @@ class TestCalibrate:
         assert made.summary["outliers"] == [11]
         assert made.summary["seed"] == 2
         assert made.summary["position_only"] is False
-        assert len(made.summary["candidates"]) == 15
+        assert len(made.summary["candidates"]) == 16
         assert "elbow_joint: offset along the axis" in made.summary["unidentified"]
 
     def test_its_urdf_is_calibrated_or_as_described(self, made: Made, tmp_path: Path) -> None:
