@@ -38,6 +38,8 @@ _UR_NUMBERS = ("x", "y", "z", "roll", "pitch", "yaw")
 #: nearly parallel may be centimetres.
 _NEAR, _NEAR_ANGLE = 0.1, np.radians(10.0)
 _POSES = 300
+#: Around given joint positions, in their standard deviations.
+_AROUND = 0.1
 #: Parts of corrections that change poses and are not geometric.
 _OTHER_PARTS = frozenset(f.name for f in fields(ArmCorrections)) - {
     "placements",
@@ -49,27 +51,37 @@ _STEPS, _LENGTH, _ANGLE = 4, 1e-3, 5e-3
 
 
 class LeftOut(NamedTuple):
-    """What the geometric part of a calibrated robot leaves out, over its joint box."""
+    """What the geometric part of a calibrated robot leaves out."""
 
     mean: float  #: distance [m]
     largest: float  #: [m]
     largest_angle: float  #: [rad]
 
 
-def geometric_robot(robot: Robot) -> Robot:
+def geometric_robot(robot: Robot, around: FloatArray | None = None) -> Robot:
     """A calibrated arm with corrections of its geometry alone.
 
     Those of the calibration; or, if that has other parts too, the geometry that is nearest to all
-    of them, by least squares over the joint box.
+    of them, by least squares around joint positions ``(n, dof)``, or over the joint box.
     """
     corrections = robot.definition["corrections"]
     geometric = _with_placements(robot, corrections["placements"])
     if set(corrections) & _OTHER_PARTS:
-        joint_positions = robot.joint_box.sample(_POSES, np.random.default_rng(1))
+        joint_positions = _sampled(robot, around, 1)
         wanted = robot.forward_kinematics.poses(joint_positions)
         for _ in range(_STEPS):
             geometric = _nearer(geometric, joint_positions, wanted)
     return geometric
+
+
+def _sampled(robot: Robot, around: FloatArray | None, seed: int) -> FloatArray:
+    """Joint positions at random, ``(n, dof)``."""
+    rng = np.random.default_rng(seed)
+    if around is None:
+        return robot.joint_box.sample(_POSES, rng)
+    spread = _AROUND * np.std(around, axis=0)
+    near: FloatArray = rng.normal(around[rng.integers(len(around), size=_POSES)], spread)
+    return near
 
 
 def _with_placements(robot: Robot, placements: Any) -> Robot:
@@ -105,17 +117,22 @@ def _nearer(geometric: Robot, joint_positions: FloatArray, wanted: FloatArray) -
     return _with_placements(geometric, np.concatenate([shifts, quaternions], axis=1).tolist())
 
 
-def left_out(robot: Robot) -> LeftOut:
-    """How far the geometric part of a calibrated arm is from all of it, by random poses."""
-    joint_positions = robot.joint_box.sample(_POSES, np.random.default_rng(0))
+def left_out(robot: Robot, around: FloatArray | None = None) -> LeftOut:
+    """How far the geometric part of a calibrated arm is from all of it, by random poses.
+
+    In the joint box, or around joint positions ``(n, dof)``.
+    """
+    joint_positions = _sampled(robot, around, 0)
     distances, angles = pose_distance(
         robot.forward_kinematics.poses(joint_positions),
-        geometric_robot(robot).forward_kinematics.poses(joint_positions),
+        geometric_robot(robot, around).forward_kinematics.poses(joint_positions),
     )
     return LeftOut(float(distances.mean()), float(distances.max()), float(angles.max()))
 
 
-def calibrated_urdf(robot: Robot, description: str | None = None) -> str:
+def calibrated_urdf(
+    robot: Robot, description: str | None = None, around: FloatArray | None = None
+) -> str:
     """The URDF of a calibrated arm: origins of joints changed by the geometric corrections.
 
     Args:
@@ -123,9 +140,11 @@ def calibrated_urdf(robot: Robot, description: str | None = None) -> str:
         description: the URDF that the robot was read from, whose other links, meshes and inertias
             are kept. Without it, or if its chain does not run from parents to children only, the
             URDF has the chain alone.
+        around: ``(n, dof)`` joint positions around which the URDF is nearest to the robot, such as
+            those that were measured; None for the whole joint box.
     """
     chain = parsed(robot.definition["urdf"], robot.name)
-    placements = geometric_robot(robot).definition["corrections"]["placements"]
+    placements = geometric_robot(robot, around).definition["corrections"]["placements"]
     motions = motion_matrices(np.array(placements))
     root, joints = chain, list(chain.iter("joint"))
     origins = dict(zip(map(_name, joints), map(joint_origin, joints), strict=True))
@@ -149,7 +168,7 @@ def calibrated_urdf(robot: Robot, description: str | None = None) -> str:
     if joints[-1].get("type") != "fixed":
         _append(root, joints[-1], motion)
     text = as_text(root)
-    return f"<?xml version='1.0'?>\n<!-- {_comment(robot)} -->\n{text}\n"
+    return f"<?xml version='1.0'?>\n<!-- {_comment(robot, around)} -->\n{text}\n"
 
 
 def with_ur_calibration(robot: Robot, path: Path) -> Robot:
@@ -217,11 +236,12 @@ def _ur_numbers(links: Any, link: str, source: str) -> FloatArray:
     return numbers
 
 
-def _comment(robot: Robot) -> str:
-    amounts = left_out(robot)
+def _comment(robot: Robot, around: FloatArray | None) -> str:
+    amounts = left_out(robot, around)
+    where = "over the joint box" if around is None else "where the arm was measured"
     return (
         "Calibrated by annik: the geometric part. Errors that depend on the joint positions, such "
-        "as deflection, are not in a URDF; over the joint box they are "
+        f"as deflection, are not in a URDF; {where} they are "
         f"{1e3 * amounts.mean:.3g} mm on average and {1e3 * amounts.largest:.3g} mm at most."
     )
 

@@ -32,6 +32,7 @@ from annik_training.calibration.repeatability import Repeatability, repeatabilit
 from annik_training.calibration.uncertainty import (
     check_explained,
     check_moved,
+    check_size,
     error_bound_of,
     unidentified_parameters,
 )
@@ -267,6 +268,8 @@ def _estimate(
         _with_redundancy(replace(observations, distances=())),
         _FIRST_NOISE,
     )
+    if observations.fixed_points is not None:
+        check_size(fitted)
     distances = found_distances(fitted, observations) if observations.distances else ()
     kept = observations.where(~outliers)
     kept = _with_redundancy(replace(kept, distances=tuple(_credible(kept, distances))))

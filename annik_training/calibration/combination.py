@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.special import chdtri
 
 from annik_core.pose import FloatArray
 from annik_training.calibration.estimation import Estimate
@@ -40,8 +41,7 @@ class Candidate:
     parts: frozenset[Part]
     redundancy: float  #: so many rows told as much as one
     parameters: int
-    #: Mean square of the held-out residuals, in squared standard deviations of the noise that the
-    #: best fit leaves: 1 is noise alone.
+    #: Mean square of the held-out residuals, relative to most of those of the best fit.
     score: float
     standard_error: float  #: of its difference from the least score
     weight: float  #: of the fit in the mean
@@ -110,8 +110,9 @@ def combined(fits: Sequence[Estimate]) -> tuple[Estimate, tuple[Candidate, ...]]
 
     The weights of networks have no mean.
     """
-    unit = min((fit.unit for fit in fits), key=lambda one: float(one[0]))
-    residuals = np.array([fit.held_out_residuals * (fit.unit / unit) for fit in fits])
+    residuals = np.array([fit.held_out_residuals * fit.unit for fit in fits])
+    sizes = [_typical(one, fits[0].observations.least_noise) for one in residuals]
+    residuals /= min(sizes, key=lambda one: float(one[0]))
     squares = (residuals**2).mean(axis=2)
     largest = _LARGEST_RATIO * np.median(squares, axis=1, keepdims=True)
     counted = np.minimum(squares, largest)
@@ -134,6 +135,13 @@ def combined(fits: Sequence[Estimate]) -> tuple[Estimate, tuple[Candidate, ...]]
     if len(used) == 1 and fits[used[0]].observations.redundancy == 1.0:
         return fits[int(used[0])], candidates
     return MeanEstimate.of([fits[index] for index in used.tolist()], shares[used]), candidates
+
+
+def _typical(residuals: FloatArray, least: float) -> FloatArray:
+    """Standard deviations ``(rows,)`` of most residuals ``(n, rows)``, of positions and angles."""
+    kinds = residuals.reshape(len(residuals), -1, 3)
+    medians = np.median((kinds**2).sum(axis=2), axis=0) / float(chdtri(3, 0.5))
+    return np.repeat(np.maximum(np.sqrt(medians), least), 3)
 
 
 def _deviation(fit: Estimate, differences: FloatArray) -> float:

@@ -88,9 +88,10 @@ class UnexplainedMeasurements(CalibrationError):
     def __init__(self, finding: str) -> None:
         self.finding = finding
         super().__init__(
-            f"{finding}: check that the joint positions and poses belong together, that they are "
-            "in metres, radians and quaternions x, y, z, w, and that the poses are of the end "
-            "effector frame in the base frame"
+            f"{finding}: check that the description is that of the robot that was measured, which "
+            "column is which joint, that joint positions and measurements belong together, and "
+            "that they are in metres, radians and quaternions x, y, z, w; with sockets, which "
+            "file is which socket and placement"
         )
 
 

@@ -18,8 +18,6 @@ from annik_training.fitting.levenberg_marquardt import levenberg_marquardt
 _LINEARISATIONS, _TURNS, _SETTLED = 12, 8, 0.03
 #: Linearisations before the sizes are estimated, and most halvings of a step.
 _FIRST_SIZES, _HALVINGS = 3, 10
-#: Least standard deviation of the noise [m], [rad]: an ideal robot's measurements have none.
-LEAST_NOISE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +117,7 @@ class Estimate:
                 counted = np.count_nonzero(self.observations.weights) * part.shape[1]
                 left = max(counted - float(taken[rows].sum()), 1.0)
                 found[kind] *= math.sqrt(float(part.sum()) / left)
-        return Noise(*(max(noise, LEAST_NOISE) for noise in found))
+        return Noise(*(max(noise, self.observations.least_noise) for noise in found))
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -186,7 +184,9 @@ class Estimate:
         start = np.ones(2), self.parameters[used], self.own_prior[used]
         by_all = LinearFit(whole, *start).expected(predicted)
         held_out, ratios = predicted[..., -1].copy(), np.ones_like(by_all)
-        least = LEAST_NOISE / np.array([self.noise.position, self.noise.orientation])
+        least = self.observations.least_noise / np.array(
+            [self.noise.position, self.noise.orientation]
+        )
         for fold in np.unique(folds):
             rows = folds == fold
             part = Equations.of(columns[rows], distances, observations.where(rows))
@@ -326,7 +326,9 @@ def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, 
     used = found.used
     columns, distances = found.columns(used)
     groups = found.used_groups(used)
-    least = LEAST_NOISE / np.array([found.noise.position, found.noise.orientation])
+    least = found.observations.least_noise / np.array(
+        [found.noise.position, found.noise.orientation]
+    )
     observations = found.observations
     equations = Equations.of(columns, distances, observations)
     fit = LinearFit(equations, np.ones(2), found.parameters[used], found.own_prior[used])

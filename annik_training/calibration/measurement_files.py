@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from annik_core.errors import InvalidValue
@@ -195,14 +196,30 @@ def _joined(robot: Robot, tables: Sequence[MeasuredRows]) -> MeasuredRows:
     sockets = [entry for table in tables for entry in table.sockets or ()]
     joint_positions = np.concatenate([table.joint_positions for table in tables])
     notes = [note for table in tables for note in table.notes]
+    places = [place for table in tables for place in table.places]
+    arrays = [joint_positions, *map(np.concatenate, filter(None, (positions, rotations)))]
+    kept = _different(arrays)
+    if len(kept) < len(places):
+        path, line = places[int(np.setdiff1d(np.arange(len(places)), kept)[0])]
+        count = len(places) - len(kept)
+        notes.append(
+            f"{count} {'rows repeat' if count > 1 else 'row repeats'} another to the last digit "
+            f"and {'are' if count > 1 else 'is'} not used: the first is {path}, line {line}"
+        )
     return MeasuredRows(
-        joint_positions,
-        np.concatenate(positions) if positions else None,
-        np.concatenate(rotations) if rotations else None,
-        tuple(sockets) if sockets else None,
-        tuple(place for table in tables for place in table.places),
-        tuple(dict.fromkeys([*notes, *_notes_on_limits(robot, joint_positions)])),
+        joint_positions[kept],
+        np.concatenate(positions)[kept] if positions else None,
+        np.concatenate(rotations)[kept] if rotations else None,
+        tuple(sockets[row] for row in kept.tolist()) if sockets else None,
+        tuple(places[row] for row in kept.tolist()),
+        tuple(dict.fromkeys([*notes, *_notes_on_limits(robot, joint_positions[kept])])),
     )
+
+
+def _different(arrays: Sequence[FloatArray]) -> NDArray[np.int64]:
+    """Rows that no earlier one repeats, ascending."""
+    rows = np.concatenate([array.reshape(len(array), -1) for array in arrays], axis=1)
+    return np.sort(np.unique(rows, axis=0, return_index=True)[1])
 
 
 def _placements(folders: Sequence[str | Path]) -> Iterator[Path]:
@@ -327,11 +344,12 @@ def _lines(path: Path, joint_names: Sequence[str]) -> list[tuple[int, list[str]]
     except OSError as error:
         raise UnreadableMeasurements(path, error.strerror or str(error)) from error
     except ValueError as error:
-        problem = f"not a table in UTF-8 ({error}): save it as CSV"
+        problem = f"not a text in UTF-8 ({error}): save it as CSV in UTF-8"
         raise UnreadableMeasurements(path, problem) from error
     written = _without_comments(text, joint_names)
     first = next((line for line in written if line.strip()), "")
-    delimiter = max(";\t,", key=first.count)
+    # Before the comma, which may be a decimal one.
+    delimiter = next((one for one in ";\t" if one in first), ",")
     rows: Iterator[tuple[int, list[str]]]
     if delimiter in first:
         reader = csv.reader(StringIO("\n".join(written), newline=""), delimiter=delimiter)

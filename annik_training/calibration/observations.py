@@ -24,6 +24,9 @@ _SAME_PLACE = 0.3
 _MOST = 0.3
 #: Least number of placements in a fit that judges a model.
 _LEFT = 2
+#: Least standard deviation of the noise [m], [rad]: an ideal robot's measurements have none, but
+#: no socket holds a ball better than by some micrometres.
+_LEAST_NOISE, _LEAST_NOISE_OF_POINTS = 1e-7, 1e-5
 #: Standard deviation of a known distance between fixed points [m].
 DISTANCE_SIGMA = 5e-5
 
@@ -116,6 +119,11 @@ class Observations:
     def has_length(self) -> bool:
         """Whether any length was measured: positions, or distances between fixed points."""
         return self.fixed_points is None or bool(self.distances)
+
+    @property
+    def least_noise(self) -> float:
+        """Least standard deviation of the noise [m], [rad]."""
+        return _LEAST_NOISE if self.fixed_points is None else _LEAST_NOISE_OF_POINTS
 
     @property
     def information(self) -> FloatArray:

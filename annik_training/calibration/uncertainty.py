@@ -23,6 +23,8 @@ _UNIDENTIFIED = 0.5
 _MOVED = 0.02
 #: A geometric error of more natural units means another robot.
 _IMPLAUSIBLE = 30.0
+#: Fixed points that are nearer to each other than so many times what the nominal arm tells.
+_SMALLER = 0.5
 #: Number of random poses that the examples are checked with.
 _CHECKED_POSES = 300
 #: Standard errors by which the residuals must exceed the measurements' noise to be the robot's.
@@ -92,6 +94,24 @@ def check_moved(
     raise DegenerateExamples((float(left[0]), float(left[1])), min(fraction, 1.0), names)
 
 
+def check_size(fitted: Estimate) -> None:
+    """Refuse an arm that is much smaller than described, so that fixed points nearly coincide.
+
+    Raises:
+        UnexplainedMeasurements: if it is.
+    """
+    frames = fitted.observations.frames
+    described, found = (
+        float(np.sqrt(np.square(points - points.mean(axis=0)).sum())) if len(points) else 0.0
+        for points in (frames.points, frames.moved(fitted.unknowns).points)
+    )
+    if found < _SMALLER * described:
+        raise UnexplainedMeasurements(
+            f"the fixed points would be {found / described:.2g} times as far apart as by "
+            "the robot as described"
+        )
+
+
 def check_explained(fitted: Estimate, rng: np.random.Generator) -> None:
     """Refuse an estimate that is too far from the measurements or from the nominal robot.
 
@@ -99,6 +119,7 @@ def check_explained(fitted: Estimate, rng: np.random.Generator) -> None:
         UnexplainedMeasurements: if it is far from the measurements.
         ImplausibleErrors: if it is another robot.
     """
+    check_size(fitted)
     robot = fitted.model.robot
     model = ParametricModel(robot, frozenset({Part.GEOMETRY, Part.ALIGNMENT, Part.JOINT_SERIES}))
     joint_positions = robot.joint_box.sample(_CHECKED_POSES, rng)

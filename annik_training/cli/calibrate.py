@@ -15,7 +15,7 @@ from rich.table import Table
 import annik_training
 from annik_core.dataset import Dataset
 from annik_core.files import ensure_writable_folder, expanded, read_regular_file, write_file
-from annik_core.robots.calibrated_urdf import calibrated_urdf
+from annik_core.robots.calibrated_urdf import calibrated_urdf, left_out
 from annik_core.robots.definition import LENGTH_UNITS
 from annik_core.robots.robot import Robot
 from annik_core.robots.urdf_text import MAX_LENGTH, decoded
@@ -171,8 +171,13 @@ def calibrate(
         write_calibration_report(calibration_report(calibrated, places), report)
         click.echo(f"wrote {report / 'report.html'}")
     if urdf_out is not None:
-        write_file(urdf_out, calibrated_urdf(calibrated.robot, description))
-        click.echo(f"wrote {urdf_out}")
+        rows = calibrated.estimate.observations.joint_positions
+        write_file(urdf_out, calibrated_urdf(calibrated.robot, description, rows))
+        rest = left_out(calibrated.robot, rows)
+        click.echo(
+            f"wrote {urdf_out}, the geometric part: {1e3 * rest.mean:.3g} mm from the calibrated "
+            f"robot on average, {1e3 * rest.largest:.3g} mm at most"
+        )
     if out is not None:
         usual = defaults_of(calibrated.robot)
         trained = annik_training.train(
@@ -200,7 +205,7 @@ def _measured(
     """The nominal robot, what was measured on it, from one of the three sources, and its rows."""
     tables, folders = choices["measurements"], choices["sockets"]
     if sum(map(bool, (measured, tables, folders))) != 1:
-        raise click.UsageError("give --measured, --measurements or --sockets")
+        raise click.UsageError("give one of --measured, --measurements and --sockets")
     if measured is not None:
         dataset = measured_dataset(measured)
         robot = dataset.robot if choices["robot"] is None else chosen_robot(choices)
@@ -247,7 +252,7 @@ def _print_calibration(calibrated: "CalibratedRobot", places: Sequence[str]) -> 
             f"{candidate.score:.3g} ± {candidate.standard_error:.1g}",
             f"{candidate.weight:.2f}" if candidate.weight else "",
         )
-    table.caption = "mean square, in squared standard deviations of the noise: 1 is noise alone"
+    table.caption = "mean square of rows that a fit did not see; 1 is what most rows have at best"
     Console().print(table)
     outliers = calibrated.outliers
     rows = Table("position error [mm]".replace("[", "\\["), "mean", "median", "largest")

@@ -158,7 +158,10 @@ def findings(calibrated: "CalibratedRobot") -> Iterator[tuple[str, str]]:
     if frames.base_unknown:
         yield "robot's base in the frame of the measurements", _shown(frames.base)
     if frames.tool_unknowns:
-        yield "what was measured, in the end effector frame", _shown(frames.tool)
+        shown = _shown(frames.tool)
+        if frames.tool_unknowns == 3:
+            shown = shown.partition(";")[0]
+        yield "what was measured, in the end effector frame", shown
     if calibrated.distances:
         alone = ", ".join(
             f"{1e3 * one.found:.2f} ± {1e3 * one.deviation:.2f}" for one in calibrated.distances

@@ -26,6 +26,8 @@ UR5E = load_robot("ur5e")
 SCARA = load_robot("scara")
 JOINTS = UR5E.joint_names
 JOINT_POSITIONS = UR5E.joint_box.sample(12, np.random.default_rng(0))
+#: Of two placements, whose rows are not the same.
+SHIFTS = {"left": 0.0, "right": 1e-3}
 POSES = UR5E.forward_kinematics.poses(JOINT_POSITIONS)
 
 
@@ -135,10 +137,14 @@ class TestTable:
         assert note.startswith("elbow_joint")
 
     def test_several_files(self, tmp_path: Path) -> None:
-        (tmp_path / "other.csv").write_text(table({**pose_columns(), **joint_columns()}))
+        other = table({**pose_columns(), **joint_columns(1.0 + 1e-9)})
+        (tmp_path / "other.csv").write_text(other)
         read(tmp_path, table({**joint_columns(), **pose_columns()}))
         paths = [tmp_path / "measured.csv", tmp_path / "other.csv"]
         assert len(read_measurements(UR5E, paths)) == 24
+        twice = read_measurements(UR5E, [paths[0], *paths])
+        assert [line for _, line in twice.places] == 2 * list(range(2, 14))
+        assert any(note.startswith("12 rows repeat another") for note in twice.notes)
         positions = dict(list(pose_columns().items())[:3])
         (tmp_path / "other.csv").write_text(table({**joint_columns(), **positions}))
         with pytest.raises(UnreadableMeasurements):
@@ -277,13 +283,15 @@ class TestSockets:
             (tmp_path / "robot" / placement).mkdir(parents=True)
             for hole in (0, 1):
                 path = tmp_path / "robot" / placement / f"hole_{hole}.csv"
-                np.savetxt(path, JOINT_POSITIONS[6 * hole : 6 * hole + 6], delimiter=",")
+                rows = JOINT_POSITIONS[6 * hole : 6 * hole + 6] + SHIFTS[placement]
+                np.savetxt(path, rows, delimiter=",")
         return tmp_path / "robot"
 
     def test_of_a_folder(self, tmp_path: Path) -> None:
         folder = self.folder(tmp_path)
         rows = read_sockets(UR5E, [folder])
-        assert np.array_equal(rows.joint_positions, np.tile(JOINT_POSITIONS, (2, 1)))
+        expected = [JOINT_POSITIONS + shift for shift in SHIFTS.values()]
+        assert np.array_equal(rows.joint_positions, np.concatenate(expected))
         assert rows.sockets == tuple(
             (str(folder / placement), hole)
             for placement in ("left", "right")

@@ -182,11 +182,13 @@ class TestFiles:
         table = np.hstack([np.degrees(dataset.joint_positions), 1e3 * dataset.poses[:, :3]])
         header = ",".join([*UR5E.joint_names, "x", "y", "z", "sigma"])
         numbers = np.hstack([table, np.ones((20, 1))])
-        np.savetxt("poses.csv", numbers, delimiter=",", header=header, comments="")
+        for name, rows in (("poses.csv", numbers), ("others.csv", numbers + 1e-6)):
+            np.savetxt(name, rows, delimiter=",", header=header, comments="")
         for placement in ("left", "right"):
             Path("sockets", placement).mkdir(parents=True)
             for hole in (0, 1):
-                rows = dataset.joint_positions[10 * hole : 10 * hole + 10]
+                rows = dataset.joint_positions[10 * hole : 10 * hole + 10].copy()
+                rows += 1e-3 * (placement == "right")
                 np.savetxt(Path("sockets", placement, f"hole_{hole}.csv"), rows, delimiter=",")
         return asked
 
@@ -199,7 +201,7 @@ class TestFiles:
         units = ("--length-unit", "mm", "--angle-unit", "deg")
         table = ("--robot", "ur5e", "--measurements", "poses.csv", *units)
         result = self.run(*table)
-        self.run(*table, "--measurements", "poses.csv", "--frame-known", "--tool-known")
+        self.run(*table, "--measurements", "others.csv", "--frame-known", "--tool-known")
         assert "sigma" in result.output
         expected = measured_ur5e(TRUTH, 20)
         one, two = asked
