@@ -111,6 +111,20 @@ def test_a_comment_says_how_much_is_left_out() -> None:
     assert left_out(corrected(robot, geometry)).largest < 1e-12
 
 
+def test_around_given_joint_positions_it_is_nearer_there() -> None:
+    robot = load_robot("ur5e")
+    bent = corrected(robot, drawn_corrections(robot, 1))
+    around = np.random.default_rng(0).normal([0.5, -1.2, 1.0, 0.3, 1.5, 0.2], 0.3, (40, 6))
+    wanted = bent.forward_kinematics.poses(around)
+    apart = [
+        pose_distance(geometric_robot(bent, there).forward_kinematics.poses(around), wanted)[0]
+        for there in (None, around)
+    ]
+    assert apart[1].mean() < 0.5 * apart[0].mean()
+    assert left_out(bent, around).mean < left_out(bent).mean
+    assert "where the arm was measured" in calibrated_urdf(bent, None, around)
+
+
 KINEMATICS = """
 kinematics:
   shoulder: {x: 0, y: 0, z: 0.1627, roll: -0, pitch: 0, yaw: 1.5e-05}

@@ -120,6 +120,16 @@ def by_hand(robot: Robot, corrections: ArmCorrections, joint_positions: np.ndarr
     return matrix @ expm(twist_matrix(motion[:3], motion[3:]))
 
 
+def test_the_periodic_parts_are_the_same_after_a_turn() -> None:
+    nominal = nominal_named("ur5e")
+    drawn = drawn_corrections(nominal, 3)
+    periodic = replace(drawn, joint_networks=None, pose_network=None)
+    kinematics = corrected(nominal, periodic).forward_kinematics
+    joint_positions = inside(nominal, 20)
+    turned = kinematics.poses(joint_positions + 2.0 * math.pi * np.eye(6)[0])
+    assert turned == pytest.approx(kinematics.poses(joint_positions), abs=1e-12)
+
+
 class TestDefinition:
     """The entry ``corrections`` of a definition."""
 

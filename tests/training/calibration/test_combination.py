@@ -8,9 +8,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from support.imperfect_ur5e import ImperfectUr5e, measured_ur5e
+from support.imperfect_ur5e import NOISE, ImperfectUr5e, measured_ur5e
 
 from annik_core.robots.library import load_robot
+from annik_training.calibration.calibrate import CalibrationOptions, calibrate
 from annik_training.calibration.combination import (
     MeanEstimate,
     _chosen,
@@ -27,6 +28,7 @@ ALIGNED = RIGID | {Part.ALIGNMENT}
 BENDING = ALIGNED | {Part.DEFLECTION}
 GEARS = RIGID | {Part.JOINT_SERIES}
 ALL = BENDING | GEARS
+FLEXIBLE = RIGID | {Part.POSE_SERIES}
 TRUTH = ImperfectUr5e.drawn(1)
 NOWHERE = UR5E.joint_box.sample(50, np.random.default_rng(8))
 
@@ -71,9 +73,9 @@ def test_weights_are_those_of_least_squares(seed: int) -> None:
     assert float(((columns @ found) ** 2).sum()) <= 1.02 * best.fun
 
 
-@pytest.mark.parametrize("parts", [RIGID, ALIGNED, BENDING, GEARS])
+@pytest.mark.parametrize("parts", [RIGID, ALIGNED, BENDING, GEARS, FLEXIBLE])
 def test_parameters_have_their_places_in_a_model_with_more_parts(parts: frozenset[Part]) -> None:
-    own, whole = ParametricModel(UR5E, parts), ParametricModel(UR5E, ALL)
+    own, whole = ParametricModel(UR5E, parts), ParametricModel(UR5E, ALL | FLEXIBLE)
     places = own.indices_in(whole)
     assert [whole.names[place] for place in places] == list(own.names)
     parameters = np.random.default_rng(0).normal(size=own.size)
@@ -105,7 +107,7 @@ def test_the_mean_is_where_its_members_are_on_average() -> None:
     assert 1.0 < mean.observations.redundancy < 4.0
 
 
-def test_it_is_no_worse_than_each_where_it_was_not_fitted() -> None:
+def test_the_fit_with_what_the_arm_has_gets_nearly_all_weight() -> None:
     found, candidates = combined([fitted(RIGID), fitted(BENDING), fitted(GEARS), fitted(ALL)])
     assert sum(one.weight for one in candidates) == pytest.approx(1.0)
     assert candidates[3].weight > 0.9
@@ -120,3 +122,40 @@ def test_rows_that_count_as_one_move_the_arm_less_and_tell_less() -> None:
     assert sizes[1] < sizes[0]
     deviations = [np.sqrt(np.diag(one.covariance)) for one in (whole, quarter)]
     assert (deviations[1] > deviations[0]).mean() > 0.9
+
+
+def test_leave_one_out_residuals_of_rows_that_count_as_one() -> None:
+    """Their variance is as expected: that of chi square, about."""
+    rigid = replace(TRUTH, amplitudes=np.zeros(6))
+    observations = replace(Observations.of(measured_ur5e(rigid, 60)), redundancy=4.0)
+    model = ParametricModel(UR5E, RIGID)
+    found = tuned(model, observations, Noise(1e-3, 1e-3), np.zeros(model.size))
+    scale = found.noise.position / found.residual_noise.position
+    assert np.median(found.surprise) * scale**2 == pytest.approx(5.35, rel=0.4)
+
+
+def test_the_noise_of_a_mean_is_that_of_its_rows() -> None:
+    """However many of them count as one."""
+    rigid = replace(TRUTH, amplitudes=np.zeros(6))
+    observations = Observations.of(measured_ur5e(rigid, 60))
+    model = ParametricModel(UR5E, RIGID)
+    members = [
+        tuned(
+            model,
+            replace(observations, redundancy=redundancy),
+            Noise(1e-3, 1e-3),
+            np.zeros(model.size),
+        )
+        for redundancy in (1.0, 8.0)
+    ]
+    mean = MeanEstimate.of(members, np.array([0.5, 0.5]))
+    assert mean.noise.position == pytest.approx(NOISE[0], rel=0.2)
+    assert mean.noise.orientation == pytest.approx(NOISE[1], rel=0.2)
+
+
+def test_of_networks_one_fit_is_chosen() -> None:
+    networks = RIGID | {Part.JOINT_NETWORKS}
+    options = CalibrationOptions(candidates=(RIGID, networks), restarts=1, max_evaluations=20)
+    found = calibrate(UR5E, measured_ur5e(TRUTH, 40), options)
+    assert sorted(one.weight for one in found.candidates) == [0.0, 1.0]
+    assert found.estimate.model.parts == networks

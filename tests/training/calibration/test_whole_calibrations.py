@@ -205,6 +205,8 @@ def shuffled(measurements: Measurements) -> Measurements:
         lambda: shuffled(in_sockets()),
         lambda: in_sockets(None),
         lambda: in_sockets(unit=-1.0),
+        lambda: in_sockets(None, unit=-1.0),
+        lambda: shuffled(in_sockets(None)),
         lambda: in_sockets(unit=1.02),
     ],
 )
