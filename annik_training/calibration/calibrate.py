@@ -261,7 +261,9 @@ def _estimate(
     rng: np.random.Generator,
 ) -> tuple[Estimate, tuple[Candidate, ...], NDArray[np.bool_], tuple[FoundDistance, ...]]:
     models = [ParametricModel(robot, parts, options.gravity) for parts in options.candidates]
-    linear = [model for model in models if not model.has_networks]
+    # One that says too much of any pose finds no outlier.
+    vague = {Part.POSE_SERIES, Part.JOINT_NETWORKS, Part.POSE_NETWORK}
+    linear = [ParametricModel(robot, model.parts - vague, options.gravity) for model in models]
     # Without the known distances, which could be wrong too.
     outliers, fitted = find_outliers(
         max(linear, key=lambda model: model.size),
