@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from annik_core.dataset import Dataset
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import Robot
 from annik_training.calibration.errors import NotCalibrated, NotHeldOut
+from annik_training.calibration.frames import Frames
+from annik_training.calibration.measurements import Measurements
 from annik_training.calibration.observations import check_measured_alike
 
 #: Number of regions of each joint's interval.
@@ -25,6 +28,15 @@ class MeasuredErrors:
 
     distances: FloatArray  #: ``(n,)`` [m]
     angles: FloatArray  #: ``(n,)`` [rad]
+
+
+class CheckedRows(NamedTuple):
+    """Errors at rows that a calibration did not use."""
+
+    #: ``(n,)`` of positions; of fixed points the distances of the tool from its mean there [m].
+    distances: FloatArray
+    angles: FloatArray | None  #: ``(n,)`` [rad]; None if no orientations were measured
+    bounds: FloatArray  #: ``(n, 2)`` stated 95 % bounds, distance [m] and angle [rad]
 
 
 class Region(NamedTuple):
@@ -85,6 +97,43 @@ def evaluate_measured(robot: Robot, dataset: Dataset) -> MeasuredEvaluation:
     regions = tuple(_regions(dataset, before, after))
     has_orientation = provenance.get("position_only") is not True
     return MeasuredEvaluation(dataset, before, after, bounds, regions, has_orientation)
+
+
+def check_rows(
+    robot: Robot, frames: Frames, used: FloatArray, measurements: Measurements
+) -> CheckedRows:
+    """Errors of a calibrated robot, in the frames that were found, at other rows.
+
+    ``used`` are the joint positions ``(m, dof)`` that it was calibrated with.
+
+    Raises:
+        NotCalibrated: if it was not calibrated.
+        NotHeldOut: if it was calibrated with some of these rows.
+    """
+    if robot.error_bound is None:
+        raise NotCalibrated(robot.name)
+    joint_positions = measurements.joint_positions
+    known = set(map(tuple, used.tolist()))
+    repeated = sum(tuple(row) in known for row in joint_positions.tolist())
+    if repeated:
+        raise NotHeldOut(repeated)
+    poses = robot.forward_kinematics.poses(joint_positions)
+    turns = Rotation.from_quat(poses[:, 3:]).as_matrix()
+    positions = poses[:, :3] + turns @ frames.tool[:3, 3]
+    positions = positions @ frames.base[:3, :3].T + frames.base[:3, 3]
+    angles = None
+    if measurements.positions is not None:
+        away = positions - measurements.positions
+        if measurements.rotations is not None:
+            reached = frames.base[:3, :3] @ turns @ frames.tool[:3, :3]
+            between = reached @ np.swapaxes(measurements.rotations, 1, 2)
+            angles = Rotation.from_matrix(between).magnitude()
+    else:
+        numbers, touched = measurements.touched
+        means = [positions[touched == number].mean(axis=0) for number in range(len(numbers))]
+        away = positions - np.array(means)[touched]
+    bounds = robot.error_bound.of_rows(robot.in_box(joint_positions))
+    return CheckedRows(np.linalg.norm(away, axis=1), angles, bounds)
 
 
 def _errors(robot: Robot, dataset: Dataset) -> MeasuredErrors:

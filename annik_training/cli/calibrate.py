@@ -20,11 +20,13 @@ from annik_core.robots.definition import LENGTH_UNITS
 from annik_core.robots.robot import Robot
 from annik_core.robots.urdf_text import MAX_LENGTH, decoded
 from annik_training.calibration.measurement_files import (
+    MeasuredRows,
     Units,
     read_measurements,
     read_sockets,
 )
 from annik_training.calibration.measurements import Measurements
+from annik_training.calibration.validation import check_rows
 from annik_training.cli.calibration_report import (
     by_joint,
     calibration_report,
@@ -72,6 +74,13 @@ if TYPE_CHECKING:
     "--socket-distance",
     type=click.FloatRange(0.0, min_open=True),
     help="Known distance between the two sockets of a placement [m].",
+)
+@click.option(
+    "--check",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Rows that are not used for the calibration, to check it: a table, or a folder with "
+    "sockets; once for each.",
 )
 @click.option(
     "--length-unit",
@@ -160,13 +169,20 @@ def calibrate(
         seed=seed,
         gravity=(gravity[0] / length, gravity[1] / length, gravity[2] / length),
     )
+    if choices["check"] and measured is not None:
+        raise click.UsageError("--check is for tables and sockets: give --out, and annik evaluate")
     robot, measurements, places = _measured(measured, position_only, choices)
+    checked = None
+    if choices["check"]:
+        checked = _read(robot, choices["check"], position_only, choices).measurements()
     if report is not None:
         ensure_writable_folder(report)
     for path in filter(None, (out, urdf_out, summary)):
         ensure_writable_folder(path.parent)
     calibrated = annik_training.calibrate(robot, measurements, options)
     _print_calibration(calibrated, places)
+    if checked is not None:
+        _print_check(calibrated, checked)
     if report is not None:
         write_calibration_report(calibration_report(calibrated, places), report)
         click.echo(f"wrote {report / 'report.html'}")
@@ -213,11 +229,7 @@ def _measured(
     if choices["robot"] is None:
         raise click.UsageError("give --robot: these files don't say which robot was measured")
     robot = chosen_robot(choices)
-    units = Units(choices["length_unit"], choices["angle_unit"])
-    if folders:
-        rows = read_sockets(robot, folders, units)
-    else:
-        rows = read_measurements(robot, tables, units, position_only=position_only)
+    rows = _read(robot, folders or tables, position_only, choices)
     for note in rows.notes:
         click.echo(f"annik: {note}", err=True)
     measurements = rows.measurements(
@@ -226,6 +238,16 @@ def _measured(
         tool_known=choices["tool_known"],
     )
     return robot, measurements, [f"{path}, line {line}" for path, line in rows.places]
+
+
+def _read(
+    robot: Robot, paths: Sequence[Path], position_only: bool, choices: dict[str, Any]
+) -> MeasuredRows:
+    """The rows of tables, or of folders with sockets."""
+    units = Units(choices["length_unit"], choices["angle_unit"])
+    if all(path.is_dir() for path in paths):
+        return read_sockets(robot, paths, units)
+    return read_measurements(robot, paths, units, position_only=position_only)
 
 
 def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
@@ -280,6 +302,29 @@ def _print_calibration(calibrated: "CalibratedRobot", places: Sequence[str]) -> 
         click.echo("not identified by these poses, left near nominal:")
         for joint, kinds in by_joint(calibrated.unidentified).items():
             click.echo(f"  {joint}: {'; '.join(kinds)}")
+
+
+def _print_check(calibrated: "CalibratedRobot", measurements: Measurements) -> None:
+    """Print the errors at rows that were not used."""
+    found = check_rows(
+        calibrated.robot,
+        calibrated.frames,
+        calibrated.measured.joint_positions,
+        measurements,
+    )
+    errors = {"position": (1e3 * found.distances, 1e3 * found.bounds[:, 0], "mm")}
+    if found.angles is not None:
+        errors["orientation"] = (
+            np.degrees(found.angles),
+            np.degrees(found.bounds[:, 1]),
+            "degrees",
+        )
+    for name, (values, bounds, unit) in errors.items():
+        click.echo(
+            f"{len(values)} other rows, {name} error: {values.mean():.4g} {unit} on average, "
+            f"{values.max():.4g} {unit} at most; {100.0 * (values <= bounds).mean():.0f} % within "
+            "the bound"
+        )
 
 
 def _names(parts: Iterable[Any]) -> list[str]:

@@ -18,9 +18,15 @@ from support.imperfect_ur5e import NOISE, ImperfectUr5e, noisy, poses_of, touchi
 from annik_core.errors import AnnikError
 from annik_core.robots.library import load_robot
 from annik_training.calibration.calibrate import CalibratedRobot, CalibrationOptions, calibrate
-from annik_training.calibration.errors import DegenerateExamples, OtherDistance
+from annik_training.calibration.errors import (
+    DegenerateExamples,
+    NotCalibrated,
+    NotHeldOut,
+    OtherDistance,
+)
 from annik_training.calibration.measurements import KnownDistance, Measurements
 from annik_training.calibration.model import Part
+from annik_training.calibration.validation import check_rows
 
 UR5E = load_robot("ur5e")
 #: Without errors of the gears, so that the simplest model explains it.
@@ -92,6 +98,25 @@ def test_in_frames_that_are_unknown(has_rotations: bool) -> None:
     assert bounds.mean() < 10.0 * errors.mean()
 
 
+def test_other_rows_check_it() -> None:
+    measurements = in_frames()
+    kept, others = measurements.where(np.arange(40) < 30), measurements.where(np.arange(40) >= 30)
+    found = calibrate(UR5E, kept, QUICK)
+    checked = check_rows(found.robot, found.frames, kept.joint_positions, others)
+    assert checked.angles is not None
+    assert checked.distances.mean() < 2e-4
+    assert checked.angles.mean() < 1e-3
+    assert checked.bounds.shape == (10, 2)
+    alone = replace(others, rotations=None)
+    again = check_rows(found.robot, found.frames, kept.joint_positions, alone)
+    assert again.angles is None
+    assert np.array_equal(again.distances, checked.distances)
+    with pytest.raises(NotHeldOut):
+        check_rows(found.robot, found.frames, measurements.joint_positions, others)
+    with pytest.raises(NotCalibrated):
+        check_rows(UR5E, found.frames, kept.joint_positions, others)
+
+
 @pytest.fixture(scope="module")
 def socketed() -> CalibratedRobot:
     return calibrate(UR5E, in_sockets(), QUICK)
@@ -105,6 +130,19 @@ def test_with_a_ball_in_sockets(socketed: CalibratedRobot) -> None:
     for one in socketed.distances:
         assert one.found == pytest.approx(0.05, abs=4.0 * one.deviation)
         assert not one.is_doubtful
+
+
+def test_another_placement_checks_it(socketed: CalibratedRobot) -> None:
+    """By the distances of the tool point from where it is on average."""
+    point = np.array([0.35, -0.2, 0.15])
+    rows = touching(TRUTH, TOOL[:3, 3], point, 15, 9)
+    numbers = np.arange(len(rows)) // 8
+    used = socketed.measured.joint_positions
+    checked = check_rows(
+        socketed.robot, socketed.frames, used, Measurements(rows, fixed_points=numbers)
+    )
+    assert checked.angles is None
+    assert checked.distances.mean() < 2e-4
 
 
 @pytest.mark.parametrize("distance", [50.0, 0.5, 5e-5, 0.04])
