@@ -25,7 +25,7 @@ from annik_core.robots.robot import Robot
 from annik_core.safety import IkStatus
 from annik_core.solver.ik_solver import IkSolver
 from annik_training.calibration.calibrate import CalibrationOptions
-from annik_training.calibration.errors import NotMeasured
+from annik_training.calibration.errors import NotHeldOut, NotMeasured
 from annik_training.calibration.measurements import Measurements
 from annik_training.cli import cli, main
 from annik_training.designs.registry import generate_dataset
@@ -381,6 +381,24 @@ def test_what_makes_no_sense_is_one_line_and_exit_code_1(
     assert line.startswith("annik: ")
     assert complaint in line
     assert sorted(path.name for path in Path().iterdir()) == before
+
+
+@pytest.mark.slow
+def test_a_table_of_other_rows_checks_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    dataset = measured_ur5e(TRUTH, 60)
+    numbers = np.hstack([dataset.joint_positions, dataset.poses])
+    header = ",".join([*UR5E.joint_names, "x", "y", "z", "qx", "qy", "qz", "qw"])
+    for name, rows in (("poses.csv", numbers[:40]), ("others.csv", numbers[40:])):
+        np.savetxt(name, rows, delimiter=",", header=header, comments="")
+    asked = ("calibrate", "--robot", "ur5e", "--measurements", "poses.csv", "--urdf-out", "u.urdf")
+    result = invoke(*asked, "--check", "others.csv", "--report", "report")
+    assert result.exit_code == 0, result.output
+    (errors,) = re.findall(r"20 other rows, position error: (\S+) mm", result.output)
+    assert float(errors) < 0.1
+    assert Path("u.urdf").exists() and Path("report", "report.html").exists()
+    assert isinstance(invoke(*asked, "--check", "poses.csv").exception, NotHeldOut)
+    assert invoke("calibrate", "--measured", "m.npz", "--check", "x").exit_code == 2
 
 
 @pytest.mark.parametrize("command", [("calibrate", "--out", "m.onnx"), ("evaluate", "ur5e")])
