@@ -148,6 +148,13 @@ def findings(calibrated: "CalibratedRobot") -> Iterator[tuple[str, str]]:
                 ("position", "orientation")[index] + " error of 95 of 100 poses",
                 f"at most {mean:.4g} {unit} on average, {largest:.4g} {unit} somewhere",
             )
+    motion = found.model.corrections(found.model_parameters).pose_harmonics
+    if motion is not None:
+        shifts = np.linalg.norm(motion.motions(observations.joint_positions)[:, :3], axis=1)
+        yield (
+            "motion of the end effector that no joint explains",
+            f"{1e3 * shifts.mean():.3g} mm on average, {1e3 * shifts.max():.3g} mm at most",
+        )
     repeated = calibrated.repeatability
     if repeated is not None:
         cause = ": play or friction, which the bound includes" if repeated.is_play else ""
