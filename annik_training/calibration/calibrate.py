@@ -251,7 +251,20 @@ def _with_tool(robot: Robot, corrections: ArmCorrections, tool: FloatArray) -> A
     placements = corrections.placements.copy()
     last = motion_matrices(placements[-1:]) @ end @ tool @ np.linalg.inv(end)
     placements[-1] = motion_poses(last)[0]
-    return replace(corrections, placements=placements)
+    harmonics, network = corrections.pose_harmonics, corrections.pose_network
+    # Motions of the end effector come before the tool: the same twists, in the tool's frame.
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = tool[:3, :3].T
+    turn[:3, 3:] = tool[:3, :3].T @ np.cross(np.eye(3), tool[:3, 3]).T
+    if harmonics is not None:
+        harmonics = replace(
+            harmonics, cosines=turn @ harmonics.cosines, sines=turn @ harmonics.sines
+        )
+    if network is not None:
+        network = replace(network, output_weights=turn @ network.output_weights)
+    return replace(
+        corrections, placements=placements, pose_harmonics=harmonics, pose_network=network
+    )
 
 
 def _estimate(

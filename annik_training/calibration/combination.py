@@ -41,7 +41,8 @@ class Candidate:
     parts: frozenset[Part]
     redundancy: float  #: so many rows told as much as one
     parameters: int
-    #: Mean square of the held-out residuals, relative to most of those of the best fit.
+    #: Mean square of the held-out residuals, relative to most of those of the fit whose positions
+    #: are best.
     score: float
     standard_error: float  #: of its difference from the least score
     weight: float  #: of the fit in the mean

@@ -198,14 +198,8 @@ def _joined(robot: Robot, tables: Sequence[MeasuredRows]) -> MeasuredRows:
     notes = [note for table in tables for note in table.notes]
     places = [place for table in tables for place in table.places]
     arrays = [joint_positions, *map(np.concatenate, filter(None, (positions, rotations)))]
-    kept = _different(arrays)
-    if len(kept) < len(places):
-        path, line = places[int(np.setdiff1d(np.arange(len(places)), kept)[0])]
-        count = len(places) - len(kept)
-        notes.append(
-            f"{count} {'rows repeat' if count > 1 else 'row repeats'} another to the last digit "
-            f"and {'are' if count > 1 else 'is'} not used: the first is {path}, line {line}"
-        )
+    kept, copies = _without_copies(tables, arrays)
+    notes += copies
     return MeasuredRows(
         joint_positions[kept],
         np.concatenate(positions)[kept] if positions else None,
@@ -216,10 +210,43 @@ def _joined(robot: Robot, tables: Sequence[MeasuredRows]) -> MeasuredRows:
     )
 
 
-def _different(arrays: Sequence[FloatArray]) -> NDArray[np.int64]:
-    """Rows that no earlier one repeats, ascending."""
+def _without_copies(
+    tables: Sequence[MeasuredRows], arrays: Sequence[FloatArray]
+) -> tuple[NDArray[np.int64], list[str]]:
+    """Rows that are used, and notes on tables of which most rows are in others before them.
+
+    Such are copies; a few equal rows may have been measured.
+    """
     rows = np.concatenate([array.reshape(len(array), -1) for array in arrays], axis=1)
-    return np.sort(np.unique(rows, axis=0, return_index=True)[1])
+    seen: dict[bytes, MeasuredRows] = {}
+    kept, notes, begin = [], [], 0
+    for table in tables:
+        keys = [row.tobytes() for row in rows[begin : begin + len(table)]]
+        before = [key for key in keys if key in seen]
+        fresh = list(range(len(keys)))
+        if 2 * len(before) > len(keys):
+            first = seen[before[0]]
+            if table.sockets and first.sockets and _same_placement(table, first):
+                raise UnreadableMeasurements(
+                    table.places[0][0],
+                    f"its rows are those of {first.places[0][0]}: with the same joint positions "
+                    "the ball is not in another socket",
+                )
+            fresh = [row for row, key in enumerate(keys) if key not in seen]
+            notes.append(
+                f"{len(before)} rows of {table.places[0][0]} are in {first.places[0][0]} too, to "
+                "the last digit: they are used once"
+            )
+        kept += [begin + row for row in fresh]
+        seen.update({key: table for key in keys if key not in seen})
+        begin += len(table)
+    return np.array(kept, dtype=np.int64), notes
+
+
+def _same_placement(table: MeasuredRows, other: MeasuredRows) -> bool:
+    """Whether two tables are of one placement, but of different sockets."""
+    assert table.sockets is not None and other.sockets is not None
+    return table.sockets[0][0] == other.sockets[0][0] and table.sockets[0] != other.sockets[0]
 
 
 def _placements(folders: Sequence[str | Path]) -> Iterator[Path]:
@@ -369,7 +396,7 @@ def _lines(path: Path, joint_names: Sequence[str]) -> list[tuple[int, list[str]]
 
 
 def _without_comments(text: str, joint_names: Sequence[str]) -> list[str]:
-    """The lines, empty where there was a comment; one that names joints may be the header.
+    """The lines, empty where there was a comment; one that names the joints may be the header.
 
     NumPy writes a header as a comment.
     """
@@ -381,7 +408,7 @@ def _without_comments(text: str, joint_names: Sequence[str]) -> list[str]:
         line = lines[number].strip()
         if not line.startswith("#"):
             continue
-        is_header = number < begin and numeric and any(name in line for name in joint_names)
+        is_header = number < begin and numeric and all(name in line for name in joint_names)
         lines[number] = line.lstrip("#").strip() if is_header else ""
         numeric = numeric and not is_header
     return lines

@@ -2,7 +2,8 @@
 
 ``pose = base * product of (placement, joint motion, geometric errors) * tool * exp(motion)``: the
 nominal chain with geometric errors (:mod:`annik_core.robots.kinematic_errors`), joint positions
-``q + network(q)``, and a small motion of the end effector that depends on all joints. Parameters
+with what each joint's series, deflection or network adds, and a small motion of the end effector
+that depends on all joints. Parameters
 are in natural units, in which their prior is Gaussian with unit variance.
 """
 

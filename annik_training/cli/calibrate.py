@@ -192,7 +192,7 @@ def calibrate(
         rest = left_out(calibrated.robot, rows)
         click.echo(
             f"wrote {urdf_out}, the geometric part: {1e3 * rest.mean:.3g} mm from the calibrated "
-            f"robot on average, {1e3 * rest.largest:.3g} mm at most"
+            f"robot on average, {1e3 * rest.largest:.3g} mm at most, where it was measured"
         )
     if out is not None:
         usual = defaults_of(calibrated.robot)

@@ -181,10 +181,18 @@ def findings(calibrated: "CalibratedRobot") -> Iterator[tuple[str, str]]:
 
 def warnings(calibrated: "CalibratedRobot", places: Sequence[str] = ()) -> Iterator[str]:
     """What to look at before the calibration is used; ``places`` are those of its rows."""
+    used_distances = calibrated.estimate.observations.distances
     for one in calibrated.distances:
-        if not one.is_doubtful:
+        is_used = any(one[:2] == used[:2] for used in used_distances)
+        if is_used and not one.is_doubtful:
             continue
         first, second = _files(calibrated, places, one[:2]) if places else map(str, one[:2])
+        if not (is_used or one.is_another):
+            yield (
+                f"the distance of the sockets {first} and {second} is not used: one of them was "
+                "touched fewer than three times"
+            )
+            continue
         yield (
             f"by the arm, the sockets {first} and {second} are {1e3 * one.found:.2f} ± "
             f"{1e3 * one.deviation:.2f} mm apart, not {1e3 * one.known:.2f}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -82,11 +83,11 @@ class TestTable:
 
     @pytest.mark.parametrize("mark", ["", "# "])
     def test_comments_above_it_are_left_out(self, tmp_path: Path, mark: str) -> None:
-        comments = "# measured with a tracker, 21.5 degrees\n\n#second; line\n"
+        comments = f"# with a tracker\n\n#second; line\n# {JOINTS[-1]} is the flange\n"
         text = table({**joint_columns(), **pose_columns()})
         rows = read(tmp_path, comments + mark + text)
         assert np.allclose(rows.joint_positions, JOINT_POSITIONS, rtol=0, atol=1e-12)
-        assert [line for _, line in rows.places] == list(range(5, 17))
+        assert [line for _, line in rows.places] == list(range(6, 18))
 
     def test_orientations_that_are_none_can_be_left_out(self, tmp_path: Path) -> None:
         zeros = {name: np.zeros(12) for name in ("qx", "qy", "qz", "qw")}
@@ -144,7 +145,7 @@ class TestTable:
         assert len(read_measurements(UR5E, paths)) == 24
         twice = read_measurements(UR5E, [paths[0], *paths])
         assert [line for _, line in twice.places] == 2 * list(range(2, 14))
-        assert any(note.startswith("12 rows repeat another") for note in twice.notes)
+        assert any(note.startswith("12 rows of") for note in twice.notes)
         positions = dict(list(pose_columns().items())[:3])
         (tmp_path / "other.csv").write_text(table({**joint_columns(), **positions}))
         with pytest.raises(UnreadableMeasurements):
@@ -308,6 +309,28 @@ class TestSockets:
         assert measurements.fixed_points.tolist() == [n for n in range(4) for _ in range(6)]
         assert list(measurements.distances) == [(0, 1, 0.05), (2, 3, 0.05)]
         assert not rows.measurements().distances
+
+    def test_a_copied_placement_is_used_once(self, tmp_path: Path) -> None:
+        folder = self.folder(tmp_path)
+        shutil.copytree(folder / "left", folder / "middle")
+        rows = read_sockets(UR5E, [folder])
+        assert len(rows) == 24
+        assert sum("used once" in note for note in rows.notes) == 2
+
+    def test_a_socket_can_not_be_another(self, tmp_path: Path) -> None:
+        folder = self.folder(tmp_path)
+        shutil.copy(folder / "left" / "hole_0.csv", folder / "left" / "hole_1.csv")
+        with pytest.raises(UnreadableMeasurements) as caught:
+            read_sockets(UR5E, [folder])
+        assert caught.value.path == folder / "left" / "hole_1.csv"
+
+    def test_some_equal_rows_were_measured(self, tmp_path: Path) -> None:
+        """Of repeated approaches, with few digits."""
+        folder = self.folder(tmp_path)
+        path = folder / "right" / "hole_1.csv"
+        lines = path.read_text().splitlines()
+        path.write_text("\n".join([lines[0], *lines]))
+        assert len(read_sockets(UR5E, [folder])) == 25
 
     def test_a_place_with_one_socket_has_no_distance(self, tmp_path: Path) -> None:
         folder = self.folder(tmp_path)

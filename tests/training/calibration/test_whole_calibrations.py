@@ -13,7 +13,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.imperfect_ur5e import NOISE, ImperfectUr5e, noisy, poses_of, touching
+from support.imperfect_ur5e import (
+    NOISE,
+    ImperfectUr5e,
+    measured,
+    noisy,
+    poses_of,
+    touching,
+)
 
 from annik_core.errors import AnnikError
 from annik_core.robots.library import load_robot
@@ -96,6 +103,25 @@ def test_in_frames_that_are_unknown(has_rotations: bool) -> None:
     assert errors.mean() < 5e-5
     assert (errors <= bounds).mean() > 0.9
     assert bounds.mean() < 10.0 * errors.mean()
+
+
+def test_a_dataset_with_another_tool_is_of_that_tool() -> None:
+    """Its robot is the model, with all its parts, at the tool."""
+    joint_positions = UR5E.joint_box.sample(60, np.random.default_rng(3))
+    bent = replace(TRUTH, sag=6e-4)
+    poses = noisy(poses_of(bent.matrices(joint_positions) @ TOOL), NOISE, np.random.default_rng(0))
+    dataset = measured(UR5E, lambda _: poses, joint_positions, noise=(0.0, 0.0), stated=NOISE)
+    rigid = frozenset({Part.GEOMETRY})
+    options = CalibrationOptions(candidates=(rigid, rigid | {Part.POSE_SERIES}))
+    found = calibrate(UR5E, dataset, options)
+    model, estimate = found.estimate.model, found.estimate
+    assert Part.POSE_SERIES in model.parts
+    positions, turns = model.positions_and_rotations(estimate.model_parameters, ELSEWHERE)
+    expected = positions + turns @ found.frames.tool[:3, 3]
+    reached = found.robot.forward_kinematics.poses(ELSEWHERE)
+    assert np.abs(reached[:, :3] - expected).max() < 1e-7
+    turned = Rotation.from_matrix(turns @ found.frames.tool[:3, :3])
+    assert (turned.inv() * Rotation.from_quat(reached[:, 3:])).magnitude().max() < 1e-7
 
 
 def test_other_rows_check_it() -> None:
