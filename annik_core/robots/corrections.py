@@ -236,9 +236,7 @@ class PoseNetwork(_ScaledPart):
     @property
     def largest_shift(self) -> float:
         """An upper bound of the end effector's shift [m]."""
-        largest = np.abs(self.output_weights).sum(axis=1)
-        linear, angular = np.linalg.norm(largest[:3]), np.linalg.norm(largest[3:])
-        return float(linear * (1.0 + 0.5 * angular))
+        return _shift_of(np.abs(self.output_weights).sum(axis=1))
 
     def activations(self, joint_positions: FloatArray) -> FloatArray:
         """The hidden units, ``(n, hidden)``."""
@@ -278,9 +276,7 @@ class PoseHarmonics(_Part):
     @property
     def largest_shift(self) -> float:
         """An upper bound of the end effector's shift [m]."""
-        largest = np.hypot(self.cosines, self.sines).sum(axis=1)
-        linear, angular = np.linalg.norm(largest[:3]), np.linalg.norm(largest[3:])
-        return float(linear * (1.0 + 0.5 * angular))
+        return _shift_of(np.hypot(self.cosines, self.sines).sum(axis=1))
 
     @classmethod
     def _shapes(cls, dof: int, arrays: Mapping[str, FloatArray]) -> dict[str, tuple[int, ...]]:
@@ -330,6 +326,12 @@ def quadratic_features(scaled: FloatArray) -> FloatArray:
     return np.concatenate(
         [np.ones((len(scaled), 1)), scaled, scaled[:, first] * scaled[:, second]], axis=1
     )
+
+
+def _shift_of(largest: FloatArray) -> float:
+    """An upper bound of a shift [m] by that ``(6,)`` of the twist."""
+    linear, angular = np.linalg.norm(largest[:3]), np.linalg.norm(largest[3:])
+    return float(linear * (1.0 + 0.5 * angular))
 
 
 #: Allowed difference of a direction's length from 1.

@@ -343,13 +343,11 @@ def _best_estimate(
 
 def credible_noise(found: Estimate, stated: tuple[float, float] | None) -> Noise:
     """The stated noise of the measurements; zero, not known, where their residuals are smaller."""
-    taken = np.einsum("nrr->r", found.leverages)
-    credible = []
-    pairs = zip(astuple(found.noise), stated or (0.0, 0.0), strict=True)
-    for kind, (noise, own) in enumerate(pairs):
-        rows = slice(3 * kind, 3 * kind + 3)
-        residuals = noise * found.residuals[:, rows]
-        left = max(1.0, residuals.size - float(taken[rows].sum()))
-        largest = _CREDIBLE * math.sqrt(float((residuals**2).sum()) / left)
-        credible.append(own if own <= largest or not residuals.size else 0.0)
+    measured = found.observations.rows // 3
+    left = astuple(found.noise_by(np.ones(len(found.observations))))
+    pairs = zip(left, stated or (0.0, 0.0), strict=True)
+    credible = (
+        own if own <= _CREDIBLE * noise or kind >= measured else 0.0
+        for kind, (noise, own) in enumerate(pairs)
+    )
     return Noise(*credible)

@@ -1,7 +1,7 @@
 """Maximum a posteriori estimate of a model's parameters, with its posterior."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -108,16 +108,27 @@ class Estimate:
     @cached_property
     def residual_noise(self) -> Noise:
         """Noise by the residuals and their degrees of freedom, whatever the rows count."""
-        weighted = self.residuals**2 * self.observations.weights[:, None]
+        found = astuple(self.noise_by(self.observations.weights))
+        return Noise(*(max(noise, self.observations.least_noise) for noise in found))
+
+    def noise_by(self, weights: FloatArray) -> Noise:
+        """The same with other weights ``(n,)`` of the rows; zero where all residuals are."""
+        weighted = self.residuals**2 * weights[:, None]
         taken = np.einsum("nrr->r", self.leverages)
         found = [self.noise.position, self.noise.orientation]
         for kind, rows in enumerate((slice(0, 3), slice(3, 6))):
             part = weighted[:, rows]
             if part.size:
-                counted = np.count_nonzero(self.observations.weights) * part.shape[1]
+                counted = np.count_nonzero(weights) * part.shape[1]
                 left = max(counted - float(taken[rows].sum()), 1.0)
                 found[kind] *= math.sqrt(float(part.sum()) / left)
-        return Noise(*(max(noise, self.observations.least_noise) for noise in found))
+        return Noise(*found)
+
+    @property
+    def least_noise(self) -> FloatArray:
+        """``(2,)`` least noise of the observations, in standard deviations of this one."""
+        noise = np.array([self.noise.position, self.noise.orientation])
+        return np.asarray(self.observations.least_noise / noise)
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -184,9 +195,6 @@ class Estimate:
         start = np.ones(2), self.parameters[used], self.own_prior[used]
         by_all = LinearFit(whole, *start).expected(predicted)
         held_out, ratios = predicted[..., -1].copy(), np.ones_like(by_all)
-        least = self.observations.least_noise / np.array(
-            [self.noise.position, self.noise.orientation]
-        )
         for fold in np.unique(folds):
             rows = folds == fold
             part = Equations.of(columns[rows], distances, observations.where(rows))
@@ -195,7 +203,9 @@ class Estimate:
             for _ in range(_TURNS):
                 before = fit
                 prior = before.sizes_found(self.tailed, groups)
-                fit = LinearFit(equations, before.noise_found(least), before.around, prior)
+                fit = LinearFit(
+                    equations, before.noise_found(self.least_noise), before.around, prior
+                )
                 if fit.distance_from(before) < _SETTLED:
                     break
             held_out[rows] += predicted[rows, :, :-1] @ fit.step
@@ -326,9 +336,6 @@ def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, 
     used = found.used
     columns, distances = found.columns(used)
     groups = found.used_groups(used)
-    least = found.observations.least_noise / np.array(
-        [found.noise.position, found.noise.orientation]
-    )
     observations = found.observations
     equations = Equations.of(columns, distances, observations)
     fit = LinearFit(equations, np.ones(2), found.parameters[used], found.own_prior[used])
@@ -337,7 +344,7 @@ def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, 
         before = fit
         # First gross errors of the geometry, or they count as noise; then the noise: while it is
         # far too large, no group seems to be needed.
-        noise = before.noise_found(least) if number > 0 else before.noise
+        noise = before.noise_found(found.least_noise) if number > 0 else before.noise
         prior = before.sizes_found(found.tailed, groups if number >= _FIRST_SIZES else ())
         left = columns @ np.append(before.step, 1.0)
         squares = ((left / np.repeat(noise, 3)[: left.shape[1]]) ** 2).sum(axis=1)

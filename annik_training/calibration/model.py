@@ -3,8 +3,8 @@
 ``pose = base * product of (placement, joint motion, geometric errors) * tool * exp(motion)``: the
 nominal chain with geometric errors (:mod:`annik_core.robots.kinematic_errors`), joint positions
 with what each joint's series, deflection or network adds, and a small motion of the end effector
-that depends on all joints. Parameters
-are in natural units, in which their prior is Gaussian with unit variance.
+that depends on all joints. Parameters are in natural units, in which their prior is Gaussian with
+unit variance.
 """
 
 from dataclasses import dataclass
@@ -131,7 +131,7 @@ class ParametricModel:
         if Part.JOINT_SERIES in self.parts:
             names += [correction_name(joint) for joint in joints for _ in range(2 * ORDERS)]
         if Part.POSE_SERIES in self.parts:
-            names += ["motion of the end effector"] * 12 * len(self._waves)
+            names += ["motion of the end effector"] * self._motion_size
         if Part.JOINT_NETWORKS in self.parts:
             names += [
                 correction_name(joint)
@@ -162,7 +162,7 @@ class ParametricModel:
             series = indices.reshape(self.robot.dof, 2, ORDERS)
             groups += [series[..., np.array(band) - 1].ravel() for band in BANDS]
         if Part.POSE_SERIES in self.parts:
-            groups.append(self._motion_start + np.arange(12 * len(self._waves)))
+            groups.append(self._motion_start + np.arange(self._motion_size))
         return tuple(groups)
 
     def indices_in(self, other: "ParametricModel") -> NDArray[np.int64]:
@@ -223,10 +223,9 @@ class ParametricModel:
                 columns[:, :, place : place + 2 * ORDERS] = motion[:, :, None] * own[:, None, :]
                 place += 2 * ORDERS
         if Part.POSE_SERIES in self.parts:
-            width = 12 * len(self._waves)
-            functions = _in_base(rotations, self._motion_functions(joint_positions))
-            columns[:, :, place : place + width] = functions
-            place += width
+            functions = self._motion_functions(joint_positions)
+            columns[:, :, place : place + self._motion_size] = _in_base(rotations, functions)
+            place += self._motion_size
         if joints is not None:
             for index, motion in enumerate(motions):
                 by_parameter = self._joint_derivatives(
@@ -347,6 +346,11 @@ class ParametricModel:
         series = Part.JOINT_SERIES in self.parts
         return self._series_start + self.robot.dof * 2 * ORDERS * series
 
+    @property
+    def _motion_size(self) -> int:
+        """Number of the parameters of the pose series: two times six of a wave."""
+        return 12 * len(self._waves)
+
     @cached_property
     def _waves(self) -> FloatArray:
         """``(waves, dof)``: each joint with one and two periods, and each pair of joints."""
@@ -359,8 +363,8 @@ class ParametricModel:
     def _pose_series(self, parameters: FloatArray) -> PoseHarmonics | None:
         if Part.POSE_SERIES not in self.parts:
             return None
-        size = 12 * len(self._waves)
-        own = parameters[self._motion_start : self._motion_start + size].reshape(2, 6, -1)
+        start = self._motion_start
+        own = parameters[start : start + self._motion_size].reshape(2, 6, -1)
         own = own * self._motion_units
         return PoseHarmonics(self._waves, own[0], own[1])
 
@@ -446,7 +450,7 @@ class ParametricModel:
         """A view of the weights of networks."""
         linear = self._motion_start
         if Part.POSE_SERIES in self.parts:
-            linear += 12 * len(self._waves)
+            linear += self._motion_size
         return parameters[linear : self.size]
 
     def _split(self, parameters: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:

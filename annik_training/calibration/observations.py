@@ -157,9 +157,10 @@ class Observations:
         if self.leaves_placements_out:
             assert self.placements is not None
             return self.placements
-        blocks = self._neighbourhoods
-        if self.fixed_points is not None:
-            blocks = np.zeros_like(blocks)
+        if self.fixed_points is None:
+            blocks = self._neighbourhoods
+        else:
+            blocks = np.zeros_like(self.fixed_points)
             for point in np.unique(self.fixed_points):
                 rows = np.flatnonzero(self.fixed_points == point)
                 blocks[rows] = rows[len(rows) * np.arange(3) // 3].repeat(

@@ -1,7 +1,7 @@
 """Errors of the nominal and the calibrated robot at held-out measured poses."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,11 @@ from annik_core.robots.robot import Robot
 from annik_training.calibration.errors import NotCalibrated, NotHeldOut
 from annik_training.calibration.frames import Frames
 from annik_training.calibration.measurements import Measurements
-from annik_training.calibration.observations import check_measured_alike
+from annik_training.calibration.observations import (
+    Noise,
+    Observations,
+    check_measured_alike,
+)
 
 #: Number of regions of each joint's interval.
 REGIONS = 3
@@ -119,21 +123,17 @@ def check_rows(
         raise NotHeldOut(repeated)
     poses = robot.forward_kinematics.poses(joint_positions)
     turns = Rotation.from_quat(poses[:, 3:]).as_matrix()
-    positions = poses[:, :3] + turns @ frames.tool[:3, 3]
-    positions = positions @ frames.base[:3, :3].T + frames.base[:3, 3]
-    angles = None
-    if measurements.positions is not None:
-        away = positions - measurements.positions
-        if measurements.rotations is not None:
-            reached = frames.base[:3, :3] @ turns @ frames.tool[:3, :3]
-            between = reached @ np.swapaxes(measurements.rotations, 1, 2)
-            angles = Rotation.from_matrix(between).magnitude()
-    else:
-        numbers, touched = measurements.touched
-        means = [positions[touched == number].mean(axis=0) for number in range(len(numbers))]
-        away = positions - np.array(means)[touched]
+    observations = Observations.of(measurements)
+    touched = observations.fixed_points
+    if touched is not None:
+        frames = replace(frames, points=np.zeros((int(touched.max()) + 1, 3)))
+    away = replace(observations, frames=frames).residuals(poses[:, :3], turns, Noise(1.0, 1.0))
+    if touched is not None:
+        for point in np.unique(touched):
+            away[touched == point] -= away[touched == point].mean(axis=0)
+    distances, angles = (np.linalg.norm(part, axis=1) for part in (away[:, :3], away[:, 3:]))
     bounds = robot.error_bound.of_rows(robot.in_box(joint_positions))
-    return CheckedRows(np.linalg.norm(away, axis=1), angles, bounds)
+    return CheckedRows(distances, angles if observations.has_orientation else None, bounds)
 
 
 def _errors(robot: Robot, dataset: Dataset) -> MeasuredErrors:

@@ -32,7 +32,7 @@ from annik_training.cli.calibration_report import (
     calibration_report,
     errors_by_row,
     findings,
-    shown,
+    listed,
     warnings,
     write_calibration_report,
 )
@@ -174,7 +174,11 @@ def calibrate(
     robot, measurements, places = _measured(measured, position_only, choices)
     checked = None
     if choices["check"]:
-        checked = _read(robot, choices["check"], position_only, choices).measurements()
+        folders = [path for path in choices["check"] if path.is_dir()]
+        tables = [path for path in choices["check"] if path not in folders]
+        if folders and tables:
+            raise click.UsageError("give --check tables or folders with sockets, not both")
+        checked = _read(robot, tables, folders, position_only, choices).measurements()
     if report is not None:
         ensure_writable_folder(report)
     for path in filter(None, (out, urdf_out, summary)):
@@ -229,7 +233,7 @@ def _measured(
     if choices["robot"] is None:
         raise click.UsageError("give --robot: these files don't say which robot was measured")
     robot = chosen_robot(choices)
-    rows = _read(robot, folders or tables, position_only, choices)
+    rows = _read(robot, tables, folders, position_only, choices)
     for note in rows.notes:
         click.echo(f"annik: {note}", err=True)
     measurements = rows.measurements(
@@ -241,13 +245,17 @@ def _measured(
 
 
 def _read(
-    robot: Robot, paths: Sequence[Path], position_only: bool, choices: dict[str, Any]
+    robot: Robot,
+    tables: Sequence[Path],
+    folders: Sequence[Path],
+    position_only: bool,
+    choices: dict[str, Any],
 ) -> MeasuredRows:
-    """The rows of tables, or of folders with sockets."""
+    """The rows of folders with sockets, or of tables."""
     units = Units(choices["length_unit"], choices["angle_unit"])
-    if all(path.is_dir() for path in paths):
-        return read_sockets(robot, paths, units)
-    return read_measurements(robot, paths, units, position_only=position_only)
+    if folders:
+        return read_sockets(robot, folders, units)
+    return read_measurements(robot, tables, units, position_only=position_only)
 
 
 def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
@@ -266,7 +274,7 @@ def calibration_summary(calibrated: "CalibratedRobot") -> dict[str, Any]:
 def _print_calibration(calibrated: "CalibratedRobot", places: Sequence[str]) -> None:
     """Print the parts of the model, errors, outliers, frames, and what was not identified."""
     table = Table("parts of the model", "parameters", "rows as one", "left-out error", "weight")
-    for candidate in shown(calibrated.candidates):
+    for candidate in listed(calibrated.candidates):
         table.add_row(
             ", ".join(_names(candidate.parts)),
             str(candidate.parameters),

@@ -165,10 +165,9 @@ def findings(calibrated: "CalibratedRobot") -> Iterator[tuple[str, str]]:
     if frames.base_unknown:
         yield "robot's base in the frame of the measurements", _shown(frames.base)
     if frames.tool_unknowns:
-        shown = _shown(frames.tool)
-        if frames.tool_unknowns == 3:
-            shown = shown.partition(";")[0]
-        yield "what was measured, in the end effector frame", shown
+        position, _, angles = _shown(frames.tool).partition("; ")
+        tool = position if frames.tool_unknowns == 3 else f"{position}; {angles}"
+        yield "what was measured, in the end effector frame", tool
     if calibrated.distances:
         alone = ", ".join(
             f"{1e3 * one.found:.2f} ± {1e3 * one.deviation:.2f}" for one in calibrated.distances
@@ -277,12 +276,12 @@ def calibration_report(calibrated: "CalibratedRobot", places: Sequence[str]) -> 
         *_following(calibrated, places),
         tuple(findings(calibrated)),
         tuple(warnings(calibrated, places)),
-        tuple(shown(calibrated.candidates)),
+        tuple(listed(calibrated.candidates)),
         tuple(joint_corrections(calibrated)),
     )
 
 
-def shown(candidates: Sequence["Candidate"]) -> "Iterator[Candidate]":
+def listed(candidates: Sequence["Candidate"]) -> "Iterator[Candidate]":
     """Those that are used, and one of each set of parts."""
     least = min(one.redundancy for one in candidates)
     return (one for one in candidates if one.weight or one.redundancy == least)
