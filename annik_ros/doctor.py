@@ -13,6 +13,7 @@ from annik_core.errors import AnnikError
 from annik_core.installation import annik_version, default_model_path, model_path, packaged_models
 from annik_core.kernel import NO_KERNEL, StaleKernel, compiled_kernel
 from annik_core.model.artifact import load_model
+from annik_ros.shared_memory import remove_half_made
 
 #: Required to solve and to serve.
 _LIBRARIES = ("numpy", "scipy", "protobuf", "onnxruntime")
@@ -116,6 +117,12 @@ def check_ros() -> Iterator[Finding]:
         )
 
 
+def check_shared_memory() -> Iterator[Finding]:
+    """What processes that were killed left for nodes to wait for."""
+    for left in remove_half_made():
+        yield Finding(Verdict.NOTE if left.removed else Verdict.BAD, str(left))
+
+
 def check_models() -> Iterator[Finding]:
     """Every packaged model: its file, its reference answers, its robot."""
     for name in packaged_models():
@@ -163,6 +170,7 @@ CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     check_libraries,
     check_kernel,
     check_ros,
+    check_shared_memory,
     check_models,
     check_round_trip,
 )

@@ -70,6 +70,7 @@ LEVELS: Mapping[str, tuple[str, ...]] = {
     "msg_tools": ("topics", "conversions", "bags", "report"),
     "annik_ros": (
         "signals",
+        "shared_memory",
         "parameters",
         "command_line",
         "declare_parameters",

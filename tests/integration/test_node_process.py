@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 from support.processes import ROOT, Process, wait_until
 
 from annik_ros.declare_parameters import OF_OTHER_NODES, meant_parameter
+from annik_ros.shared_memory import FOLDER
 from docs.parameter_tables import PARAMETER_TABLES
 
 NODES = tuple(PARAMETER_TABLES)
@@ -131,6 +132,22 @@ def test_what_others_have_is_one_line_and_an_integer_is_a_number(
         assert ignored in line
     assert client.set_parameter("ik_node", "max_joint_step", 2).successful
     assert client.set_parameter("ik_node", "workspace_box_lower", [-3, -3, -3]).successful
+
+
+@pytest.mark.skipif(not FOLDER.is_dir(), reason="no shared memory in files")
+def test_what_a_killed_process_left_half_made_does_not_hold_a_node_up(
+    launch: Callable[..., Any], domain: int
+) -> None:
+    """A node that opens the port of its middleware would wait for ever, and print nothing."""
+    first = 7400 + 250 * domain + 11
+    left = [FOLDER / f"fastrtps_port{first + 2 * number}" for number in range(4)]
+    for path in left:
+        path.write_bytes(b"")
+        os.utime(path, (0.0, 0.0))
+    node = launch("ik_node")
+    removed = [line for line in node.log.splitlines() if "half made" in line]
+    assert all("[WARN]" in line for line in removed)
+    assert len(removed) == len(left)
 
 
 @pytest.mark.parametrize(

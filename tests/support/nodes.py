@@ -18,6 +18,7 @@ import pytest
 from annik_core.installation import default_model_path
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import robot_from_definition
+from annik_ros.shared_memory import remove_half_made
 from examples.demonstration import reserved_domain
 from support.forked import ForkedNode
 from support.processes import Process
@@ -74,8 +75,13 @@ class NodeProcess(Process):
 
 @pytest.fixture
 def domain() -> Iterator[int]:
-    """The ROS domain of the test."""
+    """The ROS domain of the test.
+
+    Tests end nodes by killing them. What one left half made, while it joined, is removed: a client
+    in the process of the tests, unlike a node, would wait for it.
+    """
     with reserved_domain() as domain:
+        remove_half_made()
         yield domain
 
 

@@ -1,0 +1,69 @@
+"""What nodes remove that a killed process left. Without ROS."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from annik_ros.shared_memory import HalfMade, remove_half_made
+
+#: First bytes of a file that is made, and of those that are not.
+MADE = b"\2\0\0\0"
+UNMADE = (b"", b"\2", b"\0\0\0\0" + bytes(100), b"\1\0\0\0" + bytes(100))
+
+
+def write(path: Path, first: bytes, age: float) -> Path:
+    path.write_bytes(first)
+    os.utime(path, (time.time() - age,) * 2)
+    return path
+
+
+@pytest.mark.parametrize("first", UNMADE)
+@pytest.mark.parametrize("age", [60.0, -60.0], ids=["old", "from the future"])
+def test_what_is_half_made_is_removed(tmp_path: Path, first: bytes, age: float) -> None:
+    path = write(tmp_path / "fastrtps_port7413", first, age)
+    assert remove_half_made(tmp_path) == [HalfMade(path, removed=True)]
+    assert not path.exists()
+
+
+def test_everything_else_stays(tmp_path: Path) -> None:
+    """What is in use, what is corrupt, which the middleware itself removes, and other files."""
+    kept = [
+        write(tmp_path / "fastrtps_port7411", MADE + bytes(100), 60.0),
+        write(tmp_path / "fastrtps_port7415", b"\3\0\0\0", 60.0),
+        write(tmp_path / "fastrtps_port7413_el", b"", 60.0),
+        write(tmp_path / "fastrtps_00f1d81a4c2b3e5f", b"", 60.0),
+        write(tmp_path / "port7413", b"", 60.0),
+    ]
+    assert remove_half_made(tmp_path) == []
+    assert all(path.exists() for path in kept)
+
+
+def test_what_is_in_the_making_is_waited_for(tmp_path: Path) -> None:
+    path = write(tmp_path / "fastrtps_port7413", b"", 0.0)
+    maker = threading.Timer(0.2, lambda: path.write_bytes(MADE))
+    maker.start()
+    assert remove_half_made(tmp_path) == []
+    maker.join()
+    assert path.exists()
+
+
+def test_what_can_not_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the file of another user."""
+    path = write(tmp_path / "fastrtps_port7413", b"", 60.0)
+
+    def refuse(_: Path) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    (found,) = remove_half_made(tmp_path)
+    assert not found.removed
+    assert f"rm {path}" in str(found)
+
+
+def test_a_system_without_such_a_folder_has_none(tmp_path: Path) -> None:
+    assert remove_half_made(tmp_path / "none") == []
