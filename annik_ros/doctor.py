@@ -13,7 +13,7 @@ from annik_core.errors import AnnikError
 from annik_core.installation import annik_version, default_model_path, model_path, packaged_models
 from annik_core.kernel import NO_KERNEL, StaleKernel, compiled_kernel
 from annik_core.model.artifact import load_model
-from annik_ros.shared_memory import remove_half_made
+from annik_ros.shared_memory import own_domain, remove_half_made
 
 #: Required to solve and to serve.
 _LIBRARIES = ("numpy", "scipy", "protobuf", "onnxruntime")
@@ -119,7 +119,7 @@ def check_ros() -> Iterator[Finding]:
 
 def check_shared_memory() -> Iterator[Finding]:
     """What processes that were killed left for nodes to wait for."""
-    for left in remove_half_made():
+    for left in remove_half_made(own_domain()):
         yield Finding(Verdict.NOTE if left.removed else Verdict.BAD, str(left))
 
 

@@ -18,7 +18,7 @@ from rclpy.task import Future
 from annik_core.errors import AnnikError, missing_dependency, one_line
 from annik_ros.command_line import asks_for_help, check_arguments, help_text
 from annik_ros.parameters import ExecutorChoice
-from annik_ros.shared_memory import remove_half_made
+from annik_ros.shared_memory import own_domain, remove_half_made
 from annik_ros.signals import END_SIGNALS
 
 #: Longest wait for work [s]. The events executor of Jazzy runs callbacks only with a finite wait.
@@ -82,7 +82,7 @@ def _initialise(name: str, args: list[str]) -> bool:
     END_SIGNALS.defer()
     try:
         check_arguments(args[1:])
-        for left in remove_half_made():
+        for left in remove_half_made(own_domain()):
             print(f"[WARN] [{name}]: {left}", file=sys.stderr, flush=True)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     # rclpy has no public class for faults of ROS arguments; there is no log yet.

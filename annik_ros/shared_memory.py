@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Final
 
 FOLDER: Final = Path("/dev/shm")
-_PORT: Final = re.compile(r"fastrtps_port\d+")
+_PORT: Final = re.compile(r"fastrtps_port(\d+)")
+#: Of the first port of domain 0, and between two domains (DDSI-RTPS 2.5, 9.6.2.3).
+_FIRST, _PER_DOMAIN = 7400, 250
 #: The first number of a file that is not made yet.
 _UNMADE: Final = (0, 1)
 #: After which it will never be made [s]; to make one takes a millisecond.
@@ -38,20 +40,32 @@ class HalfMade:
         )
 
 
-def remove_half_made(folder: Path = FOLDER) -> list[HalfMade]:
-    """Remove the files that nobody can use: see above.
+def own_domain() -> int:
+    """The ROS domain of this process; 0 if its number is none, which rclpy refuses."""
+    number = os.environ.get("ROS_DOMAIN_ID", "")
+    return int(number) if number.isdecimal() else 0
+
+
+def remove_half_made(domain: int, folder: Path = FOLDER) -> list[HalfMade]:
+    """Remove the files of a ROS domain that nobody can use: see above.
 
     Takes a second if there is one that may still be in the making.
     """
-    return [HalfMade(path, _remove(path)) for path in _ports(folder) if not _is_made_in_time(path)]
+    return [
+        HalfMade(path, _remove(path))
+        for path in _ports(domain, folder)
+        if not _is_made_in_time(path)
+    ]
 
 
-def _ports(folder: Path) -> list[Path]:
+def _ports(domain: int, folder: Path) -> list[Path]:
     try:
-        names = os.listdir(folder)
+        found = [match for match in map(_PORT.fullmatch, os.listdir(folder)) if match]
     except OSError:  # not on this system
         return []
-    return [folder / name for name in sorted(names) if _PORT.fullmatch(name)]
+    first = _FIRST + _PER_DOMAIN * domain
+    own = range(first, first + _PER_DOMAIN)
+    return sorted(folder / match[0] for match in found if int(match[1]) in own)
 
 
 def _is_made_in_time(path: Path) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+from click.core import ParameterSource
 from rich.console import Console
 from rich.table import Table
 
@@ -50,6 +51,23 @@ from annik_training.defaults import defaults_of
 
 if TYPE_CHECKING:
     from annik_training import CalibratedRobot
+
+_IN_FILE = "the file says it"
+#: Options that don't apply to a source of the measurements, and why.
+_NOT_FOR = {
+    "measured": {
+        "length_unit": _IN_FILE,
+        "angle_unit": _IN_FILE,
+        "frame_known": _IN_FILE,
+        "tool_known": _IN_FILE,
+        "socket_distance": "these are poses",
+        "check": "give --out, and annik evaluate --measured",
+    },
+    "sockets": {
+        "frame_known": "no instrument measured them",
+        "position_only": "they have no orientation",
+    },
+}
 
 
 @click.command()
@@ -169,8 +187,6 @@ def calibrate(
         seed=seed,
         gravity=(gravity[0] / length, gravity[1] / length, gravity[2] / length),
     )
-    if choices["check"] and measured is not None:
-        raise click.UsageError("--check is for tables and sockets: give --out, and annik evaluate")
     robot, measurements, places = _measured(measured, position_only, choices)
     checked = None
     if choices["check"]:
@@ -226,6 +242,7 @@ def _measured(
     tables, folders = choices["measurements"], choices["sockets"]
     if sum(map(bool, (measured, tables, folders))) != 1:
         raise click.UsageError("give one of --measured, --measurements and --sockets")
+    _check_options("measured" if measured else "measurements" if tables else "sockets")
     if measured is not None:
         dataset = measured_dataset(measured)
         robot = dataset.robot if choices["robot"] is None else chosen_robot(choices)
@@ -242,6 +259,15 @@ def _measured(
         tool_known=choices["tool_known"],
     )
     return robot, measurements, [f"{path}, line {line}" for path, line in rows.places]
+
+
+def _check_options(source: str) -> None:
+    """Refuse options that would be ignored."""
+    context = click.get_current_context()
+    for name, remedy in _NOT_FOR.get(source, {}).items():
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            option = name.replace("_", "-")
+            raise click.UsageError(f"--{option} is not for --{source}: {remedy}")
 
 
 def _read(

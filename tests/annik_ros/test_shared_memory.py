@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from annik_ros.shared_memory import HalfMade, remove_half_made
+from annik_ros.shared_memory import HalfMade, own_domain, remove_half_made
 
 #: First bytes of a file that is made, and of those that are not.
 MADE = b"\2\0\0\0"
@@ -26,28 +26,42 @@ def write(path: Path, first: bytes, age: float) -> Path:
 @pytest.mark.parametrize("age", [60.0, -60.0], ids=["old", "from the future"])
 def test_what_is_half_made_is_removed(tmp_path: Path, first: bytes, age: float) -> None:
     path = write(tmp_path / "fastrtps_port7413", first, age)
-    assert remove_half_made(tmp_path) == [HalfMade(path, removed=True)]
+    assert remove_half_made(0, tmp_path) == [HalfMade(path, removed=True)]
     assert not path.exists()
 
 
 def test_everything_else_stays(tmp_path: Path) -> None:
-    """What is in use, what is corrupt, which the middleware itself removes, and other files."""
+    """What is in use, what is corrupt, which the middleware itself removes, and other files.
+
+    The last is of another domain.
+    """
     kept = [
         write(tmp_path / "fastrtps_port7411", MADE + bytes(100), 60.0),
         write(tmp_path / "fastrtps_port7415", b"\3\0\0\0", 60.0),
         write(tmp_path / "fastrtps_port7413_el", b"", 60.0),
         write(tmp_path / "fastrtps_00f1d81a4c2b3e5f", b"", 60.0),
         write(tmp_path / "port7413", b"", 60.0),
+        write(tmp_path / "fastrtps_port7661", b"", 60.0),
     ]
-    assert remove_half_made(tmp_path) == []
+    assert remove_half_made(0, tmp_path) == []
     assert all(path.exists() for path in kept)
+
+
+@pytest.mark.parametrize(("given", "domain"), [("7", 7), ("", 0), ("x", 0), (None, 0)])
+def test_the_domain_is_that_of_the_process(
+    monkeypatch: pytest.MonkeyPatch, given: str | None, domain: int
+) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    if given is not None:
+        monkeypatch.setenv("ROS_DOMAIN_ID", given)
+    assert own_domain() == domain
 
 
 def test_what_is_in_the_making_is_waited_for(tmp_path: Path) -> None:
     path = write(tmp_path / "fastrtps_port7413", b"", 0.0)
     maker = threading.Timer(0.2, lambda: path.write_bytes(MADE))
     maker.start()
-    assert remove_half_made(tmp_path) == []
+    assert remove_half_made(0, tmp_path) == []
     maker.join()
     assert path.exists()
 
@@ -60,10 +74,10 @@ def test_what_can_not_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.Mo
         raise PermissionError
 
     monkeypatch.setattr(Path, "unlink", refuse)
-    (found,) = remove_half_made(tmp_path)
+    (found,) = remove_half_made(0, tmp_path)
     assert not found.removed
     assert f"rm {path}" in str(found)
 
 
 def test_a_system_without_such_a_folder_has_none(tmp_path: Path) -> None:
-    assert remove_half_made(tmp_path / "none") == []
+    assert remove_half_made(0, tmp_path / "none") == []

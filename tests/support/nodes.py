@@ -81,7 +81,7 @@ def domain() -> Iterator[int]:
     in the process of the tests, unlike a node, would wait for it.
     """
     with reserved_domain() as domain:
-        remove_half_made()
+        remove_half_made(domain)
         yield domain
 
 

@@ -30,6 +30,7 @@ BROKEN = np.full((4, 3), np.nan)
         ("distances", {"fixed_points": POINTS, "distances": [KnownDistance(0, 2, 0.05)]}),
         ("distances", {"fixed_points": POINTS, "distances": [KnownDistance(0, 1, -0.05)]}),
         ("sigma", {"positions": np.zeros((4, 3)), "sigma": (-1.0, 0.0)}),
+        ("frame_known", {"fixed_points": POINTS, "frame_known": True}),
     ],
 )
 def test_what_does_not_fit_is_refused(name: str, arguments: dict[str, Any]) -> None:
