@@ -2,11 +2,13 @@
 
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "geometry.hpp"
@@ -32,7 +34,7 @@ struct JointNetworks {
 struct JointHarmonics {
   std::size_t orders = 0;
   Joints frequencies{};
-  std::vector<double> sines, cosines;  // joint by joint
+  std::vector<double> sines, cosines;  // order by order
 };
 
 // Turns of the joints of a nominal chain under the weight of what follows them.
@@ -49,10 +51,54 @@ struct PoseNetwork {
   std::vector<double> input, bias, output;  // unit by unit: joints, one, six
 };
 
-// motion = cosines cos(waves q) + sines sin(waves q), a twist in the end effector's frame.
+// A point of the unit circle.
+struct Phase {
+  double cosine, sine;
+
+  Phase operator*(const Phase& other) const {
+    return {cosine * other.cosine - sine * other.sine, sine * other.cosine + cosine * other.sine};
+  }
+};
+
+inline Phase phase_at(double angle) { return {std::cos(angle), std::sin(angle)}; }
+
+using Phases = std::array<Phase, MAX_JOINTS>;
+
+// motion = cosines cos(waves q) + sines sin(waves q), a twist in the end effector's frame. The
+// phase of a wave is the product of those of single joints, which the waves share.
 struct PoseHarmonics {
-  std::size_t count = 0;
-  std::vector<double> waves, cosines, sines;  // wave by wave: joints, six, six
+  struct Factor {
+    std::size_t joint;
+    double frequency;  // > 0
+  };
+  struct Wave {
+    std::vector<std::pair<std::size_t, double>> factors;  // number, and 1 or -1: turned back
+    Twist cosines, sines;
+  };
+  std::vector<Factor> factors;
+  std::vector<Wave> waves;
+
+  // ``frequencies``: of the joints; ``cosines`` and ``sines``: six numbers each.
+  void add(const std::vector<double>& frequencies, const double* cosines, const double* sines) {
+    Wave wave{};
+    std::copy(cosines, cosines + 6, wave.cosines.begin());
+    std::copy(sines, sines + 6, wave.sines.begin());
+    for (std::size_t joint = 0; joint < frequencies.size(); ++joint)
+      if (frequencies[joint] != 0.0)
+        wave.factors.emplace_back(number_of(joint, std::abs(frequencies[joint])),
+                                  frequencies[joint] > 0.0 ? 1.0 : -1.0);
+    waves.push_back(std::move(wave));
+  }
+
+ private:
+  std::size_t number_of(std::size_t joint, double frequency) {
+    std::size_t number = 0;
+    while (number < factors.size() &&
+           (factors[number].joint != joint || factors[number].frequency != frequency))
+      ++number;
+    if (number == factors.size()) factors.push_back({joint, frequency});
+    return number;
+  }
 };
 
 // Of joint positions to the box in which corrections are known, [-1, 1].
@@ -89,26 +135,29 @@ class Chain {
 
   Placement pose(const Joints& commanded) const {
     const Joints inside = in_one_turn(commanded);
+    const Phases phases = phases_of(inside);
     Derivatives derivatives;
-    const Placement plain = end_of(actual(inside, derivatives), nullptr);
-    return moves_end() ? plain * motion(inside) : plain;
+    const Placement plain = end_of(actual(inside, phases, derivatives), nullptr);
+    return moves_end() ? plain * motion(inside, phases) : plain;
   }
 
   // In the axes of the base frame, as pose() has its position, but without the derivative of the
   // end effector's motion, which is a thousand times smaller.
   void jacobian(const Joints& commanded, Jacobian& result) const {
+    const Joints inside = in_one_turn(commanded);
     Derivatives derivatives;
-    const Joints positions = actual(in_one_turn(commanded), derivatives);
+    const Joints positions = actual(inside, phases_of(inside), derivatives);
     to_columns(end_of(positions, &result), derivatives, result);
   }
 
   void linearise(const Joints& commanded, const Placement& target, Linearisation& result) const {
     const Joints inside = in_one_turn(commanded);
+    const Phases phases = phases_of(inside);
     Derivatives derivatives;
-    const Joints positions = actual(inside, derivatives);
+    const Joints positions = actual(inside, phases, derivatives);
     const Placement reached = end_of(positions, &result.jacobian);
     // The target is reached with the motion where the target moved back is reached without it.
-    const Placement wanted = moves_end() ? moved_back(target, motion(inside)) : target;
+    const Placement wanted = moves_end() ? moved_back(target, motion(inside, phases)) : target;
     const Rotation& axes = reached.rotation;
     result.displacement = axes.inverse_times(wanted.position - reached.position);
     result.twist = logarithm({axes.inverse_times(wanted.rotation), result.displacement});
@@ -131,11 +180,14 @@ class Chain {
 
   // Without corrections. ``axes``: z axis and origin of each joint, three numbers each.
   Placement end_of(const Joints& positions, Jacobian* axes) const {
-    return end_of(joints, end_effector, positions, axes);
+    Phases phases;
+    for (std::size_t joint = 0; joint < size(); ++joint)
+      if (joints[joint].turns) phases[joint] = phase_at(positions[joint]);
+    return end_of(joints, end_effector, positions, phases, axes);
   }
 
   static Placement end_of(const std::vector<Joint>& joints, const Placement& end_effector,
-                          const Joints& positions, Jacobian* axes) {
+                          const Joints& positions, const Phases& phases, Jacobian* axes) {
     Placement frame;
     for (std::size_t joint = 0; joint < joints.size(); ++joint) {
       frame = frame * joints[joint].placement;
@@ -144,7 +196,7 @@ class Chain {
         (*axes)[joint] = {r.z[0],           r.z[1],           r.z[2],
                           frame.position[0], frame.position[1], frame.position[2]};
       if (joints[joint].turns) {
-        const double sine = std::sin(positions[joint]), cosine = std::cos(positions[joint]);
+        const auto [cosine, sine] = phases[joint];
         const Vector3 x = r.x;
         r.x = cosine * x + sine * r.y;
         r.y = cosine * r.y - sine * x;
@@ -183,32 +235,50 @@ class Chain {
     return positions;
   }
 
+  // Of turning joints, for the corrections that are periodic.
+  Phases phases_of(const Joints& commanded) const {
+    Phases phases;
+    if (joint_harmonics || deflection || pose_harmonics)
+      for (std::size_t joint = 0; joint < size(); ++joint)
+        if (joints[joint].turns) phases[joint] = phase_at(commanded[joint]);
+    return phases;
+  }
+
+  // Of a joint position times a frequency.
+  Phase phase_of(std::size_t joint, double frequency, const Joints& commanded,
+                 const Phases& phases) const {
+    if (joints[joint].turns && frequency == 1.0) return phases[joint];
+    if (joints[joint].turns && frequency == 2.0) return phases[joint] * phases[joint];
+    return phase_at(frequency * commanded[joint]);
+  }
+
   // Actual joint positions, and their derivatives by the commanded ones.
-  Joints actual(const Joints& commanded, Derivatives& derivatives) const {
+  Joints actual(const Joints& commanded, const Phases& phases, Derivatives& derivatives) const {
     Joints positions = commanded;
     derivatives.own.fill(1.0);
-    if (joint_harmonics) add_harmonics(commanded, positions, derivatives.own);
+    if (joint_harmonics) add_harmonics(commanded, phases, positions, derivatives.own);
     if (joint_networks) add_networks(commanded, positions, derivatives.own);
-    if (deflection) add_deflection(commanded, positions, derivatives);
+    if (deflection) add_deflection(commanded, phases, positions, derivatives);
     return positions;
   }
 
-  void add_harmonics(const Joints& commanded, Joints& positions, Joints& derivatives) const {
+  void add_harmonics(const Joints& commanded, const Phases& phases, Joints& positions,
+                     Joints& derivatives) const {
     const JointHarmonics& harmonics = *joint_harmonics;
-    for (std::size_t joint = 0; joint < size(); ++joint) {
-      const double frequency = harmonics.frequencies[joint];
-      const double first_sine = std::sin(frequency * commanded[joint]);
-      const double first_cosine = std::cos(frequency * commanded[joint]);
-      double sine = first_sine, cosine = first_cosine;
-      const std::size_t begin = joint * harmonics.orders;
-      for (std::size_t order = 0; order < harmonics.orders; ++order) {
-        const double a = harmonics.sines[begin + order], b = harmonics.cosines[begin + order];
-        positions[joint] += a * sine + b * cosine;
-        derivatives[joint] +=
-            frequency * static_cast<double>(order + 1) * (a * cosine - b * sine);
-        const double next = sine * first_cosine + cosine * first_sine;
-        cosine = cosine * first_cosine - sine * first_sine;
-        sine = next;
+    Phases first, phase;
+    for (std::size_t joint = 0; joint < size(); ++joint)
+      first[joint] = phase[joint] =
+          phase_of(joint, harmonics.frequencies[joint], commanded, phases);
+    // All joints of an order together: each waits for its order before.
+    for (std::size_t order = 0; order < harmonics.orders; ++order) {
+      const double* sines = &harmonics.sines[order * size()];
+      const double* cosines = &harmonics.cosines[order * size()];
+      for (std::size_t joint = 0; joint < size(); ++joint) {
+        const double a = sines[joint], b = cosines[joint];
+        positions[joint] += a * phase[joint].sine + b * phase[joint].cosine;
+        derivatives[joint] += harmonics.frequencies[joint] * static_cast<double>(order + 1) *
+                              (a * phase[joint].cosine - b * phase[joint].sine);
+        phase[joint] = phase[joint] * first[joint];
       }
     }
   }
@@ -229,10 +299,11 @@ class Chain {
   }
 
   // By sums of the places after each joint, weighted by their compliances.
-  void add_deflection(const Joints& commanded, Joints& positions, Derivatives& derivatives) const {
+  void add_deflection(const Joints& commanded, const Phases& phases, Joints& positions,
+                      Derivatives& derivatives) const {
     Jacobian axes;
     const Vector3 end =
-        end_of(deflection->joints, deflection->end_effector, commanded, &axes).position;
+        end_of(deflection->joints, deflection->end_effector, commanded, phases, &axes).position;
     const auto axis_of = [&](std::size_t joint) -> Vector3 {
       return {axes[joint][0], axes[joint][1], axes[joint][2]};
     };
@@ -270,9 +341,9 @@ class Chain {
 
   bool moves_end() const { return pose_network || pose_harmonics; }
 
-  Placement motion(const Joints& positions) const {
+  Placement motion(const Joints& positions, const Phases& phases) const {
     if (!pose_harmonics) return exponential(network_motion(positions));
-    const Placement periodic = exponential(harmonic_motion(positions));
+    const Placement periodic = exponential(harmonic_motion(positions, phases));
     return pose_network ? periodic * exponential(network_motion(positions)) : periodic;
   }
 
@@ -283,16 +354,19 @@ class Chain {
     return {rotation_about(angular), linear + 0.5 * cross(angular, linear)};
   }
 
-  Twist harmonic_motion(const Joints& positions) const {
-    const PoseHarmonics& part = *pose_harmonics;
+  Twist harmonic_motion(const Joints& positions, const Phases& phases) const {
+    std::vector<Phase> factors;
+    for (const PoseHarmonics::Factor& factor : pose_harmonics->factors)
+      factors.push_back(phase_of(factor.joint, factor.frequency, positions, phases));
     Twist twist{};
-    for (std::size_t wave = 0; wave < part.count; ++wave) {
-      double angle = 0.0;
-      for (std::size_t joint = 0; joint < size(); ++joint)
-        angle += part.waves[wave * size() + joint] * positions[joint];
-      const double cosine = std::cos(angle), sine = std::sin(angle);
+    for (const PoseHarmonics::Wave& wave : pose_harmonics->waves) {
+      Phase phase{1.0, 0.0};
+      for (const auto& [number, sign] : wave.factors) {
+        const Phase& factor = factors[number];
+        phase = phase * Phase{factor.cosine, sign * factor.sine};
+      }
       for (std::size_t row = 0; row < 6; ++row)
-        twist[row] += part.cosines[wave * 6 + row] * cosine + part.sines[wave * 6 + row] * sine;
+        twist[row] += wave.cosines[row] * phase.cosine + wave.sines[row] * phase.sine;
     }
     return twist;
   }

@@ -239,7 +239,7 @@ class PyChain : public Object {
     check_shape(cosines, {dof(), orders}, "cosines");
     chain_.joint_harmonics =
         JointHarmonics{static_cast<std::size_t>(orders), joints_from(frequencies.data(), dof()),
-                       numbers_of(sines), numbers_of(cosines)};
+                       column_by_column(sines), column_by_column(cosines)};
   }
 
   void set_deflection(const py::object& part, const Array& nominal, const Array& axes) {
@@ -284,8 +284,14 @@ class PyChain : public Object {
     check_shape(waves, {count, dof()}, "waves");
     check_shape(cosines, {6, count}, "cosines");
     check_shape(sines, {6, count}, "sines");
-    chain_.pose_harmonics = PoseHarmonics{static_cast<std::size_t>(count), numbers_of(waves),
-                                          column_by_column(cosines), column_by_column(sines)};
+    const std::vector<double> all = numbers_of(waves);
+    const std::vector<double> of_cosines = column_by_column(cosines);
+    const std::vector<double> of_sines = column_by_column(sines);
+    PoseHarmonics harmonics;
+    for (py::ssize_t wave = 0; wave < count; ++wave)
+      harmonics.add({all.data() + wave * dof(), all.data() + (wave + 1) * dof()},
+                    of_cosines.data() + wave * 6, of_sines.data() + wave * 6);
+    chain_.pose_harmonics = std::move(harmonics);
   }
 
   static std::vector<double> column_by_column(const Array& matrix) {

@@ -1,10 +1,10 @@
 """A robot that is not as described: a calibration, made up, and what a URDF can say of it.
 
 Every link and joint axis is off by about half a millimetre and half a milliradian, the joints turn
-by about a milliradian more or less than commanded, and the arm bends by about half a millimetre:
-all parts of :class:`annik_core.robots.corrections.ArmCorrections`, with networks of the size that
-``annik calibrate`` fits. annik begins at the solution of the network that was trained for the
-robot as described.
+by about a milliradian more or less than commanded, more under the arm's weight, and the links bend
+by about half a millimetre: the parts of :class:`annik_core.robots.corrections.ArmCorrections` that
+``annik calibrate`` fits to measured arms, of the same size. annik begins at the solution of the
+network that was trained for the robot as described.
 """
 
 from __future__ import annotations
@@ -17,7 +17,12 @@ import numpy as np
 from annik_core.model.artifact import Model
 from annik_core.pose import FloatArray, pose_distance
 from annik_core.robots.arm_kinematics import readable_kinematics
-from annik_core.robots.corrections import ArmCorrections, JointNetworks, PoseNetwork
+from annik_core.robots.corrections import (
+    ArmCorrections,
+    Deflection,
+    JointHarmonics,
+    PoseHarmonics,
+)
 from annik_core.robots.library import robot_from_definition
 from annik_core.robots.robot import ForwardKinematics, Robot
 from annik_core.robots.screw_chain import ScrewChain
@@ -26,9 +31,10 @@ from benchmarks.ik.peers.problem import IkProblem
 from benchmarks.ik.robot_problem import robot_problem
 from benchmarks.ik.verification import Verifier
 
-#: Sizes of the differences [m or rad].
-_PLACEMENT, _JOINT, _BEND = 5e-4, 1e-3, 5e-4
-_JOINT_UNITS, _POSE_UNITS = 4, 6
+#: Sizes of the differences [m or rad]; of the turn under the weight, per length of a lever [rad/m].
+_PLACEMENT, _JOINT, _BEND, _COMPLIANCE = 5e-4, 1e-3, 5e-4, 1e-3
+#: Most periods in one turn of a joint.
+_ORDERS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,25 +58,29 @@ def calibrated(model: Model, rng: np.random.Generator) -> Model:
     """The model of a robot with drawn differences."""
     robot = model.robot
     dof, box = robot.dof, robot.joint_box
-    placements = _placements(dof, rng)
     half_width = np.where(box.upper > box.lower, 0.5 * (box.upper - box.lower), 1.0)
-    joints = JointNetworks(
-        box.centre,
-        half_width,
-        rng.normal(size=(dof, _JOINT_UNITS)),
-        rng.normal(size=(dof, _JOINT_UNITS)),
-        _JOINT / _JOINT_UNITS * rng.normal(size=(dof, _JOINT_UNITS)),
+    frequencies = np.where(np.isin(np.arange(dof), robot.turning), 1.0, 0.5 * np.pi / half_width)
+    sines, cosines = _JOINT / np.sqrt(_ORDERS) * rng.normal(size=(2, dof, _ORDERS))
+    waves = _waves(dof)
+    bends = _BEND / np.sqrt(len(waves)) * rng.normal(size=(2, 6, len(waves)))
+    corrections = ArmCorrections(
+        _placements(dof, rng),
+        joint_harmonics=JointHarmonics(frequencies, sines, cosines),
+        deflection=Deflection(
+            np.triu(_COMPLIANCE / dof * rng.uniform(size=(dof, dof))), np.array([0.0, 0.0, -1.0])
+        ),
+        pose_harmonics=PoseHarmonics(waves * frequencies, *bends),
     )
-    pose = PoseNetwork(
-        box.centre,
-        half_width,
-        rng.normal(size=(_POSE_UNITS, dof)),
-        rng.normal(size=_POSE_UNITS),
-        _BEND / _POSE_UNITS * rng.normal(size=(6, _POSE_UNITS)),
-    )
-    corrections = ArmCorrections(placements, joints, pose)
     definition = {**robot.definition, "corrections": corrections.to_dict()}
     return replace(model, robot=robot_from_definition(definition, "the calibrated robot's"))
+
+
+def _waves(dof: int) -> FloatArray:
+    """``(waves, dof)``: each joint with one and two periods, and each pair of joints."""
+    joints = np.eye(dof)
+    first, second = np.triu_indices(dof, 1)
+    pairs = joints[first] + joints[second], joints[first] - joints[second]
+    return np.concatenate([joints, 2.0 * joints, *pairs])
 
 
 def _placements(dof: int, rng: np.random.Generator) -> FloatArray:
