@@ -26,6 +26,7 @@ from annik_training.calibration.estimation import Estimate, tuned
 from annik_training.calibration.frames import OTHER, Frames, check_known, initial_frames
 from annik_training.calibration.measurements import KnownDistance, Measurements
 from annik_training.calibration.model import ParametricModel, Part, check_nominal_arm
+from annik_training.calibration.noise_tails import noise_degrees
 from annik_training.calibration.observations import Noise, Observations, check_measured_alike
 from annik_training.calibration.outliers import find_outliers
 from annik_training.calibration.repeatability import Repeatability, repeatability
@@ -202,6 +203,7 @@ def calibrate(
             "parts": sorted(part.value for part in found.model.parts),
             "position_noise": found.noise.position,
             "orientation_noise": found.noise.orientation,
+            "noise_degrees": found.observations.noise_degrees,
             "unidentified": list(unidentified),
             "play": repeated.distance if repeated is not None and repeated.is_play else 0.0,
             "seed": options.seed,
@@ -289,6 +291,8 @@ def _estimate(
     kept = observations.where(~outliers)
     kept = _with_redundancy(replace(kept, distances=tuple(_credible(kept, distances))))
     _check_number(models[0], kept, int(outliers.sum()))
+    degrees = noise_degrees(fitted.surprise[~outliers], kept.rows)
+    kept = replace(kept, noise_degrees=degrees)
     fits = [_best_estimate(model, kept, options, rng) for model in models]
     if not any(model.has_networks for model in models):
         fits += [

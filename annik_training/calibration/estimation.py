@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from annik_core.pose import FloatArray
-from annik_training.calibration.linear_fit import HEAVINESS, LEAST_SIZE, Equations, LinearFit
+from annik_training.calibration.linear_fit import LEAST_SIZE, Equations, LinearFit
 from annik_training.calibration.model import ParametricModel
 from annik_training.calibration.observations import Noise, Observations
 from annik_training.fitting.levenberg_marquardt import levenberg_marquardt
@@ -348,7 +348,8 @@ def _in_turns(found: Estimate, own: FloatArray, number: int) -> tuple[Estimate, 
         prior = before.sizes_found(found.tailed, groups if number >= _FIRST_SIZES else ())
         left = columns @ np.append(before.step, 1.0)
         squares = ((left / np.repeat(noise, 3)[: left.shape[1]]) ** 2).sum(axis=1)
-        weights = own * (HEAVINESS + left.shape[1]) / (HEAVINESS + squares)
+        degrees = observations.noise_degrees
+        weights = own * (degrees + left.shape[1]) / (degrees + squares)
         observations = observations.weighted(weights)
         equations = Equations.of(columns, distances, observations)
         fit = LinearFit(equations, noise, before.around, prior)

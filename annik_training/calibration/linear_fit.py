@@ -20,8 +20,8 @@ from scipy.linalg.lapack import dpotri
 from annik_core.pose import FloatArray
 from annik_training.calibration.observations import Observations
 
-#: Degrees of freedom of Student's distribution, of residuals and of errors of the geometry.
-HEAVINESS = 4.0
+#: Degrees of freedom of Student's distribution, of errors of the geometry.
+_HEAVINESS = 4.0
 #: Standard deviations of a group of parameters, in natural units.
 LEAST_SIZE, LARGEST_SIZE = 1e-3, 30.0
 
@@ -130,7 +130,7 @@ class LinearFit:
         """
         prior, found = self.prior.copy(), self.around + self.step
         squares = found[:tailed] ** 2
-        prior[:tailed] = np.sqrt(np.maximum(1.0, (HEAVINESS + squares) / (HEAVINESS + 1.0)))
+        prior[:tailed] = np.sqrt(np.maximum(1.0, (_HEAVINESS + squares) / (_HEAVINESS + 1.0)))
         variances = np.diag(self.covariance)
         for group in groups:
             known = len(group) - float((variances[group] / self.prior[group] ** 2).sum())

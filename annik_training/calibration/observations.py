@@ -27,6 +27,8 @@ _LEFT = 2
 #: Least standard deviation of the noise [m], [rad]: an ideal robot's measurements have none, but
 #: no socket holds a ball better than by some micrometres.
 _LEAST_NOISE, _LEAST_NOISE_OF_POINTS = 1e-7, 1e-5
+#: Degrees of freedom of the noise before they are found.
+NOISE_DEGREES = 4.0
 #: Standard deviation of a known distance between fixed points [m].
 DISTANCE_SIGMA = 5e-5
 
@@ -64,6 +66,8 @@ class Observations:
 
     #: So many rows tell as much as one: what a model leaves of neighbours may resemble each other.
     redundancy: float = 1.0
+    #: Degrees of freedom of the noise, which has Student's distribution.
+    noise_degrees: float = NOISE_DEGREES
     frames: Frames = field(default_factory=Frames.known)
     #: ``(n,)`` row of ``frames.points`` that is touched; None if positions were measured.
     fixed_points: NDArray[np.int64] | None = None
