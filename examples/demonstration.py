@@ -21,6 +21,7 @@ from rich.console import Console
 
 from annik_core.errors import AnnikError, InvalidValue, NotWritable
 from annik_ros.processes import SIGNALS, ChildProcess, running
+from annik_ros.shared_memory import remove_half_made
 from msg_tools.bags.reader import read_bag
 from msg_tools.topics import ORIENTATION_ERROR, POSITION_ERROR
 
@@ -132,6 +133,9 @@ def wait_until(
 def reserved_domain() -> Iterator[int]:
     """A ROS domain that no other program has from here at the same time.
 
+    What a process that was killed left half made there is removed: other nodes than annik's would
+    wait for it.
+
     Raises:
         AnnikError: if all are taken.
     """
@@ -143,6 +147,7 @@ def reserved_domain() -> Iterator[int]:
                 name.bind(f"\0annik_ros_domain_{domain}")
             except OSError:
                 continue
+            remove_half_made(domain)
             yield domain
             return
     raise AnnikError(f"all ROS domains up to {_DOMAINS} are in use: wait until others have ended")

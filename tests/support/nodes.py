@@ -18,7 +18,6 @@ import pytest
 from annik_core.installation import default_model_path
 from annik_core.model.artifact import load_model
 from annik_core.robots.library import robot_from_definition
-from annik_ros.shared_memory import remove_half_made
 from examples.demonstration import reserved_domain
 from support.forked import ForkedNode
 from support.processes import Process
@@ -75,13 +74,8 @@ class NodeProcess(Process):
 
 @pytest.fixture
 def domain() -> Iterator[int]:
-    """The ROS domain of the test.
-
-    Tests end nodes by killing them. What one left half made, while it joined, is removed: a client
-    in the process of the tests, unlike a node, would wait for it.
-    """
+    """The ROS domain of the test."""
     with reserved_domain() as domain:
-        remove_half_made(domain)
         yield domain
 
 

@@ -42,4 +42,6 @@ def test_any_residuals_have_some_whatever_their_scale(
     found = noise_degrees(np.array(values), dimensions)
     assert NOISE_DEGREES <= found <= 1000.0
     if np.median(values) * scale > 1e-9 and np.median(values) > 1e-9:
-        assert noise_degrees(scale * np.array(values), dimensions) == pytest.approx(found, rel=1e-3)
+        assert noise_degrees(scale * np.array(values), dimensions) == pytest.approx(
+            found, rel=1e-3
+        )
