@@ -67,36 +67,41 @@ using Phases = std::array<Phase, MAX_JOINTS>;
 // motion = cosines cos(waves q) + sines sin(waves q), a twist in the end effector's frame. The
 // phase of a wave is the product of those of single joints, which the waves share.
 struct PoseHarmonics {
-  struct Factor {
+  struct Single {
     std::size_t joint;
     double frequency;  // > 0
   };
+  struct Factor {
+    std::size_t single;
+    double direction;  // 1 or -1
+  };
   struct Wave {
-    std::vector<std::pair<std::size_t, double>> factors;  // number, and 1 or -1: turned back
+    std::size_t end;  // of its factors
     Twist cosines, sines;
   };
+  std::vector<Single> singles;
   std::vector<Factor> factors;
   std::vector<Wave> waves;
 
-  // ``frequencies``: of the joints; ``cosines`` and ``sines``: six numbers each.
+  // ``frequencies``: of all joints; ``cosines`` and ``sines``: six numbers each.
   void add(const std::vector<double>& frequencies, const double* cosines, const double* sines) {
-    Wave wave{};
-    std::copy(cosines, cosines + 6, wave.cosines.begin());
-    std::copy(sines, sines + 6, wave.sines.begin());
     for (std::size_t joint = 0; joint < frequencies.size(); ++joint)
       if (frequencies[joint] != 0.0)
-        wave.factors.emplace_back(number_of(joint, std::abs(frequencies[joint])),
-                                  frequencies[joint] > 0.0 ? 1.0 : -1.0);
-    waves.push_back(std::move(wave));
+        factors.push_back({number_of(joint, std::abs(frequencies[joint])),
+                           frequencies[joint] > 0.0 ? 1.0 : -1.0});
+    Wave wave{factors.size(), {}, {}};
+    std::copy(cosines, cosines + 6, wave.cosines.begin());
+    std::copy(sines, sines + 6, wave.sines.begin());
+    waves.push_back(wave);
   }
 
  private:
   std::size_t number_of(std::size_t joint, double frequency) {
     std::size_t number = 0;
-    while (number < factors.size() &&
-           (factors[number].joint != joint || factors[number].frequency != frequency))
+    while (number < singles.size() &&
+           (singles[number].joint != joint || singles[number].frequency != frequency))
       ++number;
-    if (number == factors.size()) factors.push_back({joint, frequency});
+    if (number == singles.size()) singles.push_back({joint, frequency});
     return number;
   }
 };
@@ -265,21 +270,29 @@ class Chain {
   void add_harmonics(const Joints& commanded, const Phases& phases, Joints& positions,
                      Joints& derivatives) const {
     const JointHarmonics& harmonics = *joint_harmonics;
-    Phases first, phase;
-    for (std::size_t joint = 0; joint < size(); ++joint)
-      first[joint] = phase[joint] =
-          phase_of(joint, harmonics.frequencies[joint], commanded, phases);
+    const std::size_t count = size();
+    Joints first_sines, first_cosines, sine, cosine, turns{}, slopes{};
+    for (std::size_t joint = 0; joint < count; ++joint) {
+      const Phase phase = phase_of(joint, harmonics.frequencies[joint], commanded, phases);
+      first_sines[joint] = sine[joint] = phase.sine;
+      first_cosines[joint] = cosine[joint] = phase.cosine;
+    }
     // All joints of an order together: each waits for its order before.
     for (std::size_t order = 0; order < harmonics.orders; ++order) {
-      const double* sines = &harmonics.sines[order * size()];
-      const double* cosines = &harmonics.cosines[order * size()];
-      for (std::size_t joint = 0; joint < size(); ++joint) {
-        const double a = sines[joint], b = cosines[joint];
-        positions[joint] += a * phase[joint].sine + b * phase[joint].cosine;
-        derivatives[joint] += harmonics.frequencies[joint] * static_cast<double>(order + 1) *
-                              (a * phase[joint].cosine - b * phase[joint].sine);
-        phase[joint] = phase[joint] * first[joint];
+      const double* a = &harmonics.sines[order * count];
+      const double* b = &harmonics.cosines[order * count];
+      const double number = static_cast<double>(order + 1);
+      for (std::size_t joint = 0; joint < count; ++joint) {
+        const double s = sine[joint], c = cosine[joint];
+        turns[joint] += a[joint] * s + b[joint] * c;
+        slopes[joint] += number * (a[joint] * c - b[joint] * s);
+        sine[joint] = s * first_cosines[joint] + c * first_sines[joint];
+        cosine[joint] = c * first_cosines[joint] - s * first_sines[joint];
       }
+    }
+    for (std::size_t joint = 0; joint < count; ++joint) {
+      positions[joint] += turns[joint];
+      derivatives[joint] += harmonics.frequencies[joint] * slopes[joint];
     }
   }
 
@@ -317,6 +330,8 @@ class Chain {
       row.fill(0.0);
       if (!joints[joint].turns) continue;
       const Vector3 axis = axis_of(joint);
+      // The turn by a place that shifts: axis . (shift x gravity) = shift . across.
+      const Vector3 across = cross(gravity, axis);
       const double* compliances = &deflection->compliances[joint * size()];
       // From the end on: the sum of the places after the joint that moves.
       double weight = 0.0;
@@ -325,17 +340,15 @@ class Chain {
         weight += compliances[moved];
         sum = sum + compliances[moved] * origin_of(moved + 1);
         const Vector3 lever = sum - weight * origin_of(moved);
-        const Vector3 shift = joints[moved].turns ? cross(axis_of(moved), lever)
-                                                  : weight * axis_of(moved);
-        row[moved] = dot(axis, cross(shift, gravity));
+        row[moved] = dot(axis_of(moved), joints[moved].turns ? cross(lever, across)
+                                                             : weight * across);
       }
       const Vector3 lever = sum - weight * origin_of(joint);
       const Vector3 moment = cross(lever, gravity);
       positions[joint] += dot(axis, moment);
+      const Vector3 turned = cross(lever, across) + cross(axis, moment);
       for (std::size_t moved = 0; moved < joint; ++moved)
-        if (joints[moved].turns)
-          row[moved] = dot(axis, cross(cross(axis_of(moved), lever), gravity)) +
-                       dot(cross(axis_of(moved), axis), moment);
+        if (joints[moved].turns) row[moved] = dot(axis_of(moved), turned);
     }
   }
 
@@ -355,15 +368,19 @@ class Chain {
   }
 
   Twist harmonic_motion(const Joints& positions, const Phases& phases) const {
-    std::vector<Phase> factors;
-    for (const PoseHarmonics::Factor& factor : pose_harmonics->factors)
-      factors.push_back(phase_of(factor.joint, factor.frequency, positions, phases));
+    const PoseHarmonics& part = *pose_harmonics;
+    std::vector<Phase> singles(part.singles.size());
+    for (std::size_t number = 0; number < singles.size(); ++number) {
+      const PoseHarmonics::Single& single = part.singles[number];
+      singles[number] = phase_of(single.joint, single.frequency, positions, phases);
+    }
     Twist twist{};
-    for (const PoseHarmonics::Wave& wave : pose_harmonics->waves) {
+    const PoseHarmonics::Factor* factor = part.factors.data();
+    for (const PoseHarmonics::Wave& wave : part.waves) {
       Phase phase{1.0, 0.0};
-      for (const auto& [number, sign] : wave.factors) {
-        const Phase& factor = factors[number];
-        phase = phase * Phase{factor.cosine, sign * factor.sine};
+      for (; factor != part.factors.data() + wave.end; ++factor) {
+        const Phase& single = singles[factor->single];
+        phase = phase * Phase{single.cosine, factor->direction * single.sine};
       }
       for (std::size_t row = 0; row < 6; ++row)
         twist[row] += wave.cosines[row] * phase.cosine + wave.sines[row] * phase.sine;

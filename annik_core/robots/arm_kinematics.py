@@ -315,25 +315,28 @@ class GravityDeflection(JointCorrection):
         axes, origins = _axes_and_origins(self.chain, joint_positions)
         dof, gravity = len(self.chain.axes), self.part.gravity
         turns = np.any(self.chain.axes[:, 3:] != 0.0, axis=1)
-        derivatives = np.tile(np.eye(dof), (*joint_positions.shape[:-1], 1, 1))
-        for joint in np.flatnonzero(turns):
-            for place in range(joint, dof):
-                lever = origins[place + 1] - origins[joint]
-                for moved in range(place + 1):
-                    axis = axes[moved]
-                    turned = np.zeros_like(lever)
-                    if not turns[moved]:
-                        shift = axis if moved >= joint else turned
-                    elif moved < joint:
-                        shift, turned = np.cross(axis, lever), np.cross(axis, axes[joint])
-                    else:
-                        shift = np.cross(axis, origins[place + 1] - origins[moved])
-                    change = np.cross(shift, gravity) * axes[joint]
-                    change += np.cross(lever, gravity) * turned
-                    derivatives[..., joint, moved] += self.part.compliances[
-                        joint, place
-                    ] * change.sum(-1)
-        return derivatives
+        # By joint that yields, then by joint that moves: the places after both.
+        compliances = np.triu(self.part.compliances) * turns[:, np.newaxis]
+        tails = _sums_from(compliances)
+        levers = _sums_from(np.einsum("jk,k...->jk...", compliances, origins[1:]))
+        levers -= np.einsum("jm,m...->jm...", tails, origins[:-1])
+        # The moment of a place that shifts: axis . (shift x gravity) = shift . (gravity x axis).
+        across = np.cross(gravity, axes)
+        changes = np.cross(levers, across[:, np.newaxis])
+        changes[:, ~turns] = np.einsum("jm,j...->jm...", tails[:, ~turns], across)
+        own = levers[range(dof), range(dof)]
+        # A joint before turns the axis too.
+        before = np.cross(own, across) + np.cross(axes, np.cross(own, gravity))
+        for joint in range(dof):
+            for moved in range(joint):
+                changes[joint, moved] = before[joint] if turns[moved] else 0.0
+        derivatives = np.moveaxis((changes * axes).sum(-1), (0, 1), (-2, -1))
+        return np.asarray(np.eye(dof) + derivatives)
+
+
+def _sums_from(values: FloatArray) -> FloatArray:
+    """Sums ``(n, m, ...)`` over the second index, from each on."""
+    return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
 
 
 def gravity_moments(
@@ -345,13 +348,12 @@ def gravity_moments(
     the joint, and those about prismatic joints, are zero.
     """
     axes, origins = _axes_and_origins(chain, joint_positions)
-    dof = len(chain.axes)
-    moments = np.zeros((*joint_positions.shape[:-1], dof, dof))
-    for joint in np.flatnonzero(np.any(chain.axes[:, 3:] != 0.0, axis=1)):
-        for place in range(joint, dof):
-            lever = origins[place + 1] - origins[joint]
-            moments[..., joint, place] = (np.cross(lever, gravity) * axes[joint]).sum(-1)
-    return moments
+    levers = origins[np.newaxis, 1:] - origins[:-1, np.newaxis]
+    # axis . (lever x gravity) = lever . (gravity x axis).
+    moments = (levers * np.cross(gravity, axes)[:, np.newaxis]).sum(-1)
+    turns = np.any(chain.axes[:, 3:] != 0.0, axis=1)
+    there = np.triu(np.ones(moments.shape[:2])) * turns[:, np.newaxis]
+    return np.asarray(np.moveaxis(moments, (0, 1), (-2, -1)) * there)
 
 
 def _axes_and_origins(

@@ -31,7 +31,7 @@ from benchmarks.ik.peers.problem import IkProblem
 from benchmarks.ik.robot_problem import robot_problem
 from benchmarks.ik.verification import Verifier
 
-#: Sizes of the differences [m or rad]; of the turn under the weight, per length of a lever [rad/m].
+#: Sizes of the differences [m or rad]; of turns under the weight, per length of a lever [rad/m].
 _PLACEMENT, _JOINT, _BEND, _COMPLIANCE = 5e-4, 1e-3, 5e-4, 1e-3
 #: Most periods in one turn of a joint.
 _ORDERS = 32
