@@ -61,6 +61,7 @@ _MARGIN = np.radians(1.0)
 #: Part of the examples that are made outliers, and by how much, in the one row with outliers.
 _OUTLIERS, _OUTLIER_POSITION, _OUTLIER_ANGLE = 0.05, 5e-3, 0.02
 SIZES = (20, 30, 50, 102, 200, 500)
+_ERROR_TICKS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # [mm]
 SWEPT = ("thirty_phase", "thirty_phase_plus", "latin_hypercube", "sobol", "identifiability")
 
 _NOMINAL = load_robot("ur5e")
@@ -285,6 +286,9 @@ def _figure(sweep: dict[str, list[tuple[int, float]]]) -> bytes:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks(SIZES, [str(size) for size in SIZES])
+    low, high = axes.get_ylim()
+    ticks = [tick for tick in _ERROR_TICKS if low < tick < high]
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_xlabel("measured poses")
     axes.set_ylabel("mean position error of the learned UR5e [mm]")
