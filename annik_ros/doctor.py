@@ -1,4 +1,7 @@
-"""``annik doctor``: check an installation and print what is wrong, with the remedy."""
+"""``annik doctor``: check an installation and print what is wrong, with the remedy.
+
+It removes what holds nodes up: see :mod:`annik_ros.shared_memory`.
+"""
 
 import os
 import platform
@@ -118,9 +121,10 @@ def check_ros() -> Iterator[Finding]:
 
 
 def check_shared_memory() -> Iterator[Finding]:
-    """What processes that were killed left for nodes to wait for."""
-    for left in remove_half_made(own_domain()):
-        yield Finding(Verdict.NOTE if left.removed else Verdict.BAD, str(left))
+    """Remove what processes that were killed left for nodes to wait for."""
+    for path in remove_half_made(own_domain()):
+        what = f"removed {path}, which a process that was killed had left half made"
+        yield Finding(Verdict.NOTE, what)
 
 
 def check_models() -> Iterator[Finding]:
