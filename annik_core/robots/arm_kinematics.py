@@ -359,7 +359,10 @@ def gravity_moments(
 def _axes_and_origins(
     chain: ScrewChain, joint_positions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Axes ``(dof, ..., 3)`` and origins ``(dof + 1, ..., 3)`` in the base frame."""
+    """Axes ``(dof, ..., 3)`` and origins ``(dof + 1, ..., 3)`` in the base frame.
+
+    The origins are those of the joints before their own motion, and last the end effector's.
+    """
     frames = chain.frames(joint_positions)
     axes = np.stack(
         [
@@ -367,7 +370,11 @@ def _axes_and_origins(
             for index, axis in enumerate(chain.axes)
         ]
     )
-    return axes, frames[..., :3, 3]
+    origins = frames[..., :3, 3].copy()
+    for index, axis in enumerate(chain.axes):
+        if not np.any(axis[3:]):
+            origins[index] -= joint_positions[..., index, np.newaxis] * axes[index]
+    return axes, origins
 
 
 def _moved(poses: FloatArray, motions: FloatArray, *, reverse: bool = False) -> FloatArray:

@@ -151,7 +151,8 @@ class Deflection(_Part):
 
     A joint turns by the sum over later places ``k`` of ``compliances[joint, k]`` times the moment
     about its axis of a unit force along ``gravity`` there. Place ``k`` is the origin of the joint
-    after joint ``k``, and the last is the end effector, all of the nominal chain.
+    after joint ``k``, before that joint's motion, and the last is the end effector, all of the
+    nominal chain.
 
     Attributes:
         compliances: ``(dof, dof)`` [rad/m], of which those with ``k`` from the joint on count.

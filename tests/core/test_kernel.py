@@ -19,7 +19,9 @@ from annik_core.robots.arm_kinematics import (
 )
 from annik_core.robots.corrections import (
     ArmCorrections,
+    Deflection,
     ErrorBound,
+    JointHarmonics,
     JointNetworks,
     PoseHarmonics,
     PoseNetwork,
@@ -77,7 +79,19 @@ def drawn_corrections(rng: np.random.Generator, dof: int) -> ArmCorrections:
     parts = [(joints, pose), (joints, None), (None, pose), (None, None)][int(rng.integers(4))]
     waves = rng.integers(-2, 3, (4, dof)).astype(np.float64)
     periodic = PoseHarmonics(waves, *(1e-3 * rng.normal(size=(2, 6, 4))))
-    return ArmCorrections(placements, *parts, pose_harmonics=periodic if rng.integers(2) else None)
+    frequencies = rng.choice([1.0, 2.0, 0.4], dof)
+    gears = JointHarmonics(frequencies, *(1e-3 * rng.normal(size=(2, dof, 3))))
+    gravity = rng.normal(size=3)
+    compliances = 1e-3 * rng.normal(size=(dof, dof))
+    sag = Deflection(compliances, gravity / np.linalg.norm(gravity))
+    used = rng.integers(2, size=3)
+    return ArmCorrections(
+        placements,
+        *parts,
+        joint_harmonics=gears if used[0] else None,
+        deflection=sag if used[1] else None,
+        pose_harmonics=periodic if used[2] else None,
+    )
 
 
 class Both:
