@@ -291,7 +291,7 @@ def _estimate(
     kept = observations.where(~outliers)
     kept = _with_redundancy(replace(kept, distances=tuple(_credible(kept, distances))))
     _check_number(models[0], kept, int(outliers.sum()))
-    degrees = noise_degrees(fitted.surprise[~outliers], kept.rows)
+    degrees = noise_degrees(fitted.surprise[~outliers], kept.rows, kept.redundancy)
     kept = replace(kept, noise_degrees=degrees)
     fits = [_best_estimate(model, kept, options, rng) for model in models]
     if not any(model.has_networks for model in models):

@@ -70,7 +70,7 @@ class Measurements:
         if self.rotations is not None and self.positions is None:
             raise InvalidMeasurements("rotations", "given without positions")
         if self.frame_known and self.fixed_points is not None:
-            raise InvalidMeasurements("frame_known", "given with fixed_points, measured in none")
+            raise InvalidMeasurements("frame_known", "given with fixed_points: they have none")
         count = len(joints)
         for name, shape in (
             ("positions", (count, 3)),

@@ -68,6 +68,9 @@ _NOT_FOR = {
         "position_only": "they have no orientation",
     },
 }
+#: The same of a dataset's own robot, and without a model file.
+_OF_ROBOT = dict.fromkeys(("base_frame", "end_effector_frame", "joint_box"), "give --robot too")
+_OF_MODEL = dict.fromkeys(("examples", "evaluation_poses"), "give --out too")
 
 
 @click.command()
@@ -178,6 +181,8 @@ def calibrate(
     """
     if out is None and urdf_out is None:
         raise click.UsageError("give --out, --urdf-out, or both")
+    if out is None:
+        _refuse(_OF_MODEL, "--urdf-out alone")
     description = _description(choices["robot"])
     length = float(np.linalg.norm(gravity))
     if not 0.0 < length < math.inf:
@@ -242,8 +247,10 @@ def _measured(
     tables, folders = choices["measurements"], choices["sockets"]
     if sum(map(bool, (measured, tables, folders))) != 1:
         raise click.UsageError("give one of --measured, --measurements and --sockets")
-    _check_options("measured" if measured else "measurements" if tables else "sockets")
     if measured is not None:
+        _refuse(_NOT_FOR["measured"], "--measured")
+        if choices["robot"] is None:
+            _refuse(_OF_ROBOT, "--measured alone")
         dataset = measured_dataset(measured)
         robot = dataset.robot if choices["robot"] is None else chosen_robot(choices)
         return robot, dataset, [f"row {row}" for row in range(len(dataset))]
@@ -251,6 +258,8 @@ def _measured(
         raise click.UsageError("give --robot: these files don't say which robot was measured")
     robot = chosen_robot(choices)
     rows = _read(robot, tables, folders, position_only, choices)
+    if rows.sockets is not None:
+        _refuse(_NOT_FOR["sockets"], "sockets")
     for note in rows.notes:
         click.echo(f"annik: {note}", err=True)
     measurements = rows.measurements(
@@ -261,13 +270,12 @@ def _measured(
     return robot, measurements, [f"{path}, line {line}" for path, line in rows.places]
 
 
-def _check_options(source: str) -> None:
-    """Refuse options that would be ignored."""
+def _refuse(options: dict[str, str], source: str) -> None:
+    """Refuse options that were given and would be ignored."""
     context = click.get_current_context()
-    for name, remedy in _NOT_FOR.get(source, {}).items():
+    for name, remedy in options.items():
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            option = name.replace("_", "-")
-            raise click.UsageError(f"--{option} is not for --{source}: {remedy}")
+            raise click.UsageError(f"--{name.replace('_', '-')} is not for {source}: {remedy}")
 
 
 def _read(

@@ -59,8 +59,8 @@ def calibrated(model: Model, rng: np.random.Generator) -> Model:
     robot = model.robot
     dof, box = robot.dof, robot.joint_box
     half_width = np.where(box.upper > box.lower, 0.5 * (box.upper - box.lower), 1.0)
-    frequencies = np.where(np.isin(np.arange(dof), robot.turning), 1.0, 0.5 * np.pi / half_width)
-    sines, cosines = _JOINT / np.sqrt(_ORDERS) * rng.normal(size=(2, dof, _ORDERS))
+    frequencies = np.where(robot.rotary, 1.0, 0.5 * np.pi / half_width)
+    sines, cosines = _JOINT * rng.normal(size=(2, dof, _ORDERS)) / np.arange(1, _ORDERS + 1)
     waves = _waves(dof)
     bends = _BEND / np.sqrt(len(waves)) * rng.normal(size=(2, 6, len(waves)))
     corrections = ArmCorrections(

@@ -31,6 +31,18 @@ def test_few_rows_are_not_taken_for_proof(seed: int) -> None:
     assert NOISE_DEGREES < noise_degrees(squares(None, 8, 3, seed), 3) < 40.0
 
 
+def test_rows_that_tell_the_same_are_no_proof() -> None:
+    few = squares(None, 10, 3, 1)
+    repeated = noise_degrees(few.repeat(8), 3, redundancy=8.0)
+    assert repeated == pytest.approx(noise_degrees(few, 3), rel=1e-6)
+    assert abs(noise_degrees(few.repeat(8), 3) / repeated - 1.0) > 0.2
+
+
+@pytest.mark.parametrize("values", [(), (0.0,), (0.0, 0.0), (0.0, 0.0, 1e12)])
+def test_without_noise_the_tails_are_heavy(values: tuple[float, ...]) -> None:
+    assert noise_degrees(np.array(values), 3) == pytest.approx(NOISE_DEGREES, rel=1e-6)
+
+
 @given(
     st.lists(st.floats(0.0, 1e12), min_size=1, max_size=40),
     st.sampled_from([3, 6]),

@@ -394,12 +394,42 @@ def test_what_makes_no_sense_is_one_line_and_exit_code_1(
         ("--measured", ("--socket-distance", "0.05")),
         ("--sockets", ("--frame-known",)),
         ("--sockets", ("--position-only",)),
+        ("--measurements", ("--frame-known",)),
+        ("--measurements", ("--position-only",)),
     ],
 )
-def test_an_option_that_would_be_ignored_is_refused(source: str, option: tuple[str, ...]) -> None:
-    result = invoke("calibrate", "--robot", "ur5e", source, "none", "--out", "m.onnx", *option)
-    assert result.exit_code == 2
+def test_an_option_that_would_be_ignored_is_refused(
+    source: str, option: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Of a table, if it has sockets."""
+    table, places = tmp_path / "sockets.csv", tmp_path / "places"
+    numbers = np.random.default_rng(0).normal(size=(4, 6))
+    socketed = np.hstack([numbers, np.ones((4, 1))])
+    header = ",".join([*UR5E.joint_names, "socket"])
+    np.savetxt(table, socketed, delimiter=",", header=header, comments="")
+    (places / "one").mkdir(parents=True)
+    for hole in (0, 1):
+        np.savetxt(places / "one" / f"hole_{hole}.csv", numbers + hole, delimiter=",")
+    path = {"--measured": "none.npz", "--measurements": table, "--sockets": places}[source]
+    result = invoke("calibrate", "--robot", "ur5e", source, path, "--out", "m.onnx", *option)
+    assert result.exit_code == 2, result.output
     assert option[0] in result.output
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--out", "m.onnx", "--base-frame", "base_link"),
+        ("--out", "m.onnx", "--end-effector-frame", "tool0"),
+        ("--out", "m.onnx", "--joint-box", "elbow_joint=0:1"),
+        ("--urdf-out", "u.urdf", "--examples", "100"),
+        ("--urdf-out", "u.urdf", "--evaluation-poses", "100"),
+    ],
+)
+def test_an_option_of_what_is_not_given_is_refused(arguments: tuple[str, ...]) -> None:
+    result = invoke("calibrate", "--measured", "none.npz", *arguments)
+    assert result.exit_code == 2, result.output
+    assert arguments[2] in result.output
 
 
 @pytest.mark.slow
