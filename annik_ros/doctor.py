@@ -122,9 +122,8 @@ def check_ros() -> Iterator[Finding]:
 
 def check_shared_memory() -> Iterator[Finding]:
     """Remove what processes that were killed left for nodes to wait for."""
-    for path in remove_half_made(own_domain()):
-        what = f"removed {path}, which a process that was killed had left half made"
-        yield Finding(Verdict.NOTE, what)
+    for line in remove_half_made(own_domain()):
+        yield Finding(Verdict.NOTE, line)
 
 
 def check_models() -> Iterator[Finding]:

@@ -82,9 +82,8 @@ def _initialise(name: str, args: list[str]) -> bool:
     END_SIGNALS.defer()
     try:
         check_arguments(args[1:])
-        for path in remove_half_made(own_domain()):
-            what = f"removed {path}, which a process that was killed had left half made"
-            print(f"[WARN] [{name}]: {what}", file=sys.stderr, flush=True)
+        for line in remove_half_made(own_domain()):
+            print(f"[WARN] [{name}]: {line}", file=sys.stderr, flush=True)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     # rclpy has no public class for faults of ROS arguments; there is no log yet.
     except (AnnikError, RuntimeError) as error:

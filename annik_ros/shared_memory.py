@@ -36,16 +36,20 @@ def own_domain() -> int:
     return int(digits, 16 if digits.startswith("0x") else 8 if digits.startswith("0") else 10)
 
 
-def remove_half_made(domain: int, folder: Path = FOLDER) -> list[Path]:
+def remove_half_made(domain: int, folder: Path = FOLDER) -> list[str]:
     """Remove the files that hold nodes of a ROS domain up: see above.
 
     Waits for those that may still be in the making: a second, at most.
 
     Returns:
-        What was removed.
+        A line for each, for people.
     """
     deadline = time.monotonic() + _PATIENCE
-    return [path for path in _ports(domain, folder) if _is_removed(path, deadline)]
+    return [
+        f"removed {path}, which a process that was killed had left half made"
+        for path in _ports(domain, folder)
+        if _is_removed(path, deadline)
+    ]
 
 
 def _ports(domain: int, folder: Path) -> list[Path]:

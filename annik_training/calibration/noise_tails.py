@@ -1,4 +1,4 @@
-"""How heavy the tails of the noise are: of a laser tracker as Gauss has them, of a camera heavier.
+"""How heavy the tails of the noise are: of arms, and of instruments, that differs.
 
 Measurements that are far from a fit count less in it if the tails are heavy. If they are not, that
 costs accuracy.

@@ -26,7 +26,8 @@ def write(path: Path, first: bytes, age: float) -> Path:
 @pytest.mark.parametrize("age", [60.0, -60.0], ids=["old", "from the future"])
 def test_what_is_half_made_is_removed(tmp_path: Path, first: bytes, age: float) -> None:
     paths = [write(tmp_path / f"fastrtps_port{port}", first, age) for port in (7000, 7913)]
-    assert remove_half_made(2, tmp_path) == paths
+    lines = remove_half_made(2, tmp_path)
+    assert all(str(path) in line for path, line in zip(paths, lines, strict=True))
     assert not any(path.exists() for path in paths)
 
 
